@@ -93,6 +93,35 @@ def _cut(name: str) -> str:
     return name if len(name) <= _LONG else f"{name[: _LONG - 3]}..."
 
 
+def families(names: Iterable[str]) -> list[str]:
+    """Names for a message, those that only count up as one: ``q1 .. q7``, ``state.q[0] .. [6]``.
+
+    Parameters
+    ----------
+    names : iterable of str
+        In their order; a family stands where its first name does.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(_DIGITS.sub("#", name), []).append(name)
+    return [x for group in groups.values() for x in _family(group)]
+
+
+_DIGITS = re.compile(r"[0-9]+")
+
+
+def _family(names: list[str]) -> list[str]:
+    """First and last name where three or more differ in one number alone, which counts up."""
+    numbers = list(zip(*(map(int, _DIGITS.findall(n)) for n in names), strict=True))
+    counting = [c for c in numbers if len(set(c)) > 1]
+    if len(names) < 3 or len(counting) != 1:
+        return [_cut(n) for n in names]
+    (count,) = counting
+    if count != tuple(range(count[0], count[0] + len(names))):
+        return [_cut(n) for n in names]
+    return [f"{_cut(names[0])} .. {_cut(names[-1])}"]
+
+
 def plural(n: int, what: str) -> str:
     """Number and noun, e.g. ``1 joint`` and ``3 joints``."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"

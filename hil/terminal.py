@@ -18,7 +18,7 @@ import shutil
 import sys
 import textwrap
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -129,16 +129,18 @@ def working(shown: bool = True) -> Iterator[None]:
         yield
         return
     bar = tqdm(total=1.0, bar_format=_BAR, leave=False, delay=1e9, smoothing=0, file=sys.stderr)
-    over = threading.Event()
+    over, compilation, stage = threading.Event(), Compilation(), [""]
 
     def told(what: str, done: float) -> None:
-        bar.desc = what
+        stage[0] = what
         bar.n = max(bar.n, min(done, 0.99))
 
     def drawn() -> None:
         wait = _SHORT
         while not over.wait(wait):
             wait = _EVERY
+            compilation.watch()
+            bar.desc = COMPILES if compilation.depth else stage[0]
             if bar.desc:
                 bar.delay = 0.0  # drawn from now on, so that its end clears it
                 bar.refresh()
@@ -151,7 +153,60 @@ def working(shown: bool = True) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
+        compilation.end()
         bar.close()
+
+
+#: What is said while kernels are compiled; the machine code is kept for later runs.
+COMPILES = "compiling (once per installation)"
+
+
+class Compilation:
+    """Whether the compiler of kernels is at work, as its own events say.
+
+    A kernel that was kept by an earlier run is loaded, and not compiled.  The compiler is not
+    loaded for this: a command that needs none pays nothing.
+
+    Parameters
+    ----------
+    begun : callable
+        Called when it begins.
+
+    Attributes
+    ----------
+    depth : int
+        Kernels that are being compiled, one within the other.
+    """
+
+    def __init__(self, begun: Callable[[], None] = lambda: None) -> None:
+        self.depth, self._begun = 0, begun
+        self._end: Callable[[], None] | None = None
+
+    def watch(self) -> None:
+        """Listen from now on, if the compiler is loaded."""
+        events: Any = sys.modules.get("numba.core.event")
+        # what another thread is still loading has not all of its names
+        if self._end is not None or not hasattr(events, "install_recorder"):
+            return
+
+        class Listener(events.Listener):  # type: ignore[misc]
+            def on_start(_, event: Any) -> None:  # noqa: N805
+                self.depth += 1
+                if self.depth == 1:
+                    self._begun()
+
+            def on_end(_, event: Any) -> None:  # noqa: N805
+                self.depth = max(self.depth - 1, 0)
+
+        listener = Listener()
+        events.register("numba:compile", listener)
+        self._end = lambda: events.unregister("numba:compile", listener)
+
+    def end(self) -> None:
+        """Listen no longer."""
+        if self._end is not None:
+            self._end()
+            self._end = None
 
 
 def _is_terminal(stream: TextIO) -> bool:
@@ -255,6 +310,40 @@ Row = list[str]
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
     """Aligned text table, no wider than the terminal; words stand in the columns `left`."""
     return aligned(head, rows, left, width())
+
+
+#: With more joints than this, and than there are models, joints are rows.
+_FEW = 3
+
+
+def of_joints(
+    what: str,
+    joints: Sequence[str],
+    rows: Sequence[tuple[str, Sequence[Sequence[str]]]],
+    kinds: Sequence[str] = ("%",),
+) -> str:
+    """Values of every joint for several models; the rows are joints where these are many.
+
+    Parameters
+    ----------
+    what : str
+        What the values are.
+    joints : sequence of str
+        Names, length d.
+    rows : sequence of (label, values)
+        A model, and for each kind d values.
+    kinds : sequence of str
+        What stands behind a joint's or a model's name, e.g. ``%`` and ``simulated %``.
+    """
+    if len(joints) <= max(_FEW, len(rows)):
+        head = [what, *(f"{j} {kind}" for kind in kinds for j in joints)]
+        return table(head, [[label, *(x for v in values for x in v)] for label, values in rows])
+    head = [what, *(f"{label} {kind}" for kind in kinds for label, _ in rows)]
+    cells = [
+        [joint, *(values[k][j] for k in range(len(kinds)) for _, values in rows)]
+        for j, joint in enumerate(joints)
+    ]
+    return table(head, cells)
 
 
 def aligned(

@@ -91,10 +91,12 @@ def _idle(names: list[str], before: Rung, after: Rung) -> list[str]:
 def _table(before: Rung, after: Rung) -> str:
     """Both errors by joint; a law of contact cannot be simulated and has only the first."""
     joints = after.step.result.problem.joints
-    head = ["held-out error", *(f"{j} %" for j in joints)]
-    rows = [[r.step.label, *(f"{x:.2f}" for x in r.step.heldout.relative)] for r in (before, after)]
-    if after.step.result.model.explains == "motor":
-        head += [f"{j} simulated %" for j in joints]
-        for row, r in zip(rows, (before, after), strict=True):
-            row += ["-" if r.multi_step.lost else f"{x:.2f}" for x in r.multi_step.relative]
-    return terminal.table(head, rows)
+    simulated = after.step.result.model.explains == "motor"
+    rows = []
+    for r in (before, after):
+        values = [[f"{x:.2f}" for x in r.step.heldout.relative]]
+        if simulated:
+            lost, errors = r.multi_step.lost, r.multi_step.relative
+            values.append(["-"] * len(joints) if lost else [f"{x:.2f}" for x in errors])
+        rows.append((r.step.label, values))
+    return terminal.of_joints("held-out error", joints, rows, ("%", "simulated %")[: 1 + simulated])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -341,39 +342,44 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
 def ladder_text(d: Diagnosis) -> str:
     """Error ladder: held-out rms error over the noise floor, by joint."""
     joints = d.result.problem.joints
-    rows = [
-        [s.label, *(f"{x:.2f}" for x in (*s.heldout.relative, *(s.heldout.rms / d.noise)))]
-        for s in d.ladder
-    ]
+    rows = [(s.label, [_two(s.heldout.relative), _two(s.heldout.rms / d.noise)]) for s in d.ladder]
     with np.errstate(divide="ignore", invalid="ignore"):  # a motor that never moved
         floor = 100 * d.noise / d.ladder[-1].heldout.effort_rms
-    rows.append(["noise floor", *(f"{x:.2f}" for x in (*floor, *np.ones(len(joints))))])
-    head = ["held-out error", *(f"{j} %" for j in joints), *(f"{j}/floor" for j in joints)]
+    rows.append(("noise floor", [_two(floor), _two(np.ones(len(joints)))]))
     band = d.result.problem.rates.effort
-    return terminal.table(head, rows) + (
+    return terminal.of_joints("held-out error", joints, rows, ("%", "over floor")) + (
         f"\n  Errors are of efforts up to {band:.3g} Hz. The band follows the fitted motion: "
         "compare "
         "two reports only if their bands are equal."
     )
 
 
-def _cells(m: MultiStep | None) -> list[str]:
-    if m is None:
-        return []
-    return ["-" if m.lost else f"{x:.2f}" for x in m.relative]
+def _two(values: Iterable[float]) -> list[str]:
+    return [f"{x:.2f}" for x in values]
+
+
+def _cells(m: MultiStep) -> list[str]:
+    return ["-"] * len(m.relative) if m.lost else _two(m.relative)
+
+
+def _closed(m: MultiStep) -> list[str]:
+    return ["-"] * len(m.relative) if m.closed_loop is None else _cells(m.closed_loop)
 
 
 def multi_text(rungs: list[Rung]) -> str:
     """Simulated error of the same ladder: of the position, by joint."""
     first = rungs[0]
     joints = first.step.result.problem.joints
-    rows = [[r.step.label, *_cells(r.multi_step), *_cells(r.multi_step.closed_loop)] for r in rungs]
-    head = [f"simulated error, {first.multi_step.horizon:g} s", *(f"{j} %" for j in joints)]
+    replay = first.multi_step.closed_loop is not None
+    rows = [
+        (r.step.label, [_cells(r.multi_step), *([_closed(r.multi_step)] if replay else [])])
+        for r in rungs
+    ]
+    what = f"simulated error, {first.multi_step.horizon:g} s"
     meaning = "rms error of the simulated position, in % of its motion; starts from measured states"
-    if first.multi_step.closed_loop is not None:
-        head += [f"{j} replay %" for j in joints]
-        meaning += "; replay: longer windows with a 1 Hz servo"
-    lines = [terminal.table(head, rows), f"  {meaning}"]
+    meaning += "; replay: longer windows with a 1 Hz servo" if replay else ""
+    kinds = ("%", "replay %") if replay else ("%",)
+    lines = [terminal.of_joints(what, joints, rows, kinds), f"  {meaning}"]
     for r in rungs:
         m = r.multi_step
         if m.diverged:

@@ -94,8 +94,8 @@ def text_of(made: Made, written: list[Path]) -> str:
     lines = []
     if made.steps:
         joints = made.steps[0].result.problem.joints
-        rows = [[s.label, *(f"{x:.2f}" for x in s.heldout.relative)] for s in made.steps]
-        lines += [terminal.table(["held-out error", *(f"{j} %" for j in joints)], rows), ""]
+        rows = [(s.label, [[f"{x:.2f}" for x in s.heldout.relative]]) for s in made.steps]
+        lines += [terminal.of_joints("held-out error", joints, rows), ""]
     lines += [f"  lost: {x}" for x in made.lost]
     lines += [f"  {x}" for x in made.notes]
     if lines:

@@ -11,6 +11,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,7 +20,7 @@ from tqdm import tqdm
 
 from hil import outputs, terminal
 from hil.commands import common, plugins
-from hil.errors import ConfigError, DataError, plural
+from hil.errors import ConfigError, DataError, families, plural
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
@@ -27,13 +28,15 @@ from hil.record import datasets
 from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
+from hil.record.dates import changed
 from hil.record.export import write_recordings
 from hil.record.guess import propose
 from hil.record.locked import free_joints
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
-from hil.record.recording import TAGS, Recording, tag_record
+from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
+from hil.record.units import epoch_unit
 from hil.userfile import read_text, write_text
 
 
@@ -75,16 +78,16 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
             f"{output}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
             f"{plural(r.d, 'joint')} ({', '.join(r.joints)})"
         )
-    lines += [f"took of {note}" for r in found.recordings if (note := r.metadata.get("note"))]
+    lines += [f"taken from {note}" for r in found.recordings if (note := r.metadata.get("note"))]
     if shift := found.recordings[0].metadata.get("time_shift_s"):
         lines.append(f"time begins before 0: shifted by {float(shift):.6g} s")
     lines += found.notes
     if lacking := undescribed(found.recordings[0].robot, found.recordings[0].d):
         lines.append(f"note: {lacking}")
     if found.unused:
-        lines.append(f"not used: {', '.join(found.unused)}")
+        lines.append(f"not used: {', '.join(families(found.unused))}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
-    faults = [f for r in found.recordings for f in check(r)]
+    faults = _faults(found)
     lines += [_fault(f) for f in faults if f.severity != "error"]
     return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
 
@@ -110,6 +113,13 @@ def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
         f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
         "mend the table and import it again",
     ]
+
+
+def _faults(found: Imported) -> list[DataFault]:
+    """Faults of every arm; its name stands before them where there are several."""
+    several = len(found.recordings) > 1
+    named = ((r.arm if several else "", f) for r in found.recordings for f in check(r))
+    return [replace(f, joint=f"{arm} {f.joint}".strip()) for arm, f in named]
 
 
 def _fault(f: DataFault) -> str:
@@ -360,7 +370,7 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     if found is None:
         raise DataError(
             f"table {path}: no column's name says a quantity or a unit. It has: "
-            f"{', '.join(table.names[:40])}. Write the map yourself (docs/import.md): "
+            f"{', '.join(families(table.names)[:40])}. Write the map yourself (docs/import.md): "
             '[columns] t = "...", q1 = "...", tau1 = "..."'
         )
     if place.exists():
@@ -420,11 +430,11 @@ def preview(table: Path, found: Imported) -> str:
             rows = [[target, _formula(rule)] for target, rule in rules]
             parts.append(terminal.table(["column", "is read as"], rows, (0, 1)))
         if note := r.metadata.get("note"):
-            parts.append(f"took of {note}")
+            parts.append(f"taken from {note}")
         parts.append(terminal.table(*first_rows(r), ()))
         parts += [_fault(f) for f in check(r)]
     parts += found.notes
-    parts += [f"not used: {', '.join(found.unused)}"] if found.unused else []
+    parts += [f"not used: {', '.join(families(found.unused))}"] if found.unused else []
     return (
         "\n".join([*parts, "nothing was written; with -o S.mcap in place of --dry-run it is"])
         + "\n"
@@ -479,6 +489,7 @@ def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> N
     try:
         if shift := first.metadata.get("time_shift_s"):
             source["import"]["time_shift_s"] = shift
+        source["import"] |= _began(first, table)
         write_recordings(temporary, found.recordings, source, found.extras)
         mask = os.umask(0)
         os.umask(mask)
@@ -489,6 +500,15 @@ def _write(output: Path, found: Imported, table: Path, tags: Sequence[str]) -> N
         raise ConfigError(f"cannot write {output}: {error.strerror}") from error
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def _began(first: Recording, table: Path) -> dict[str, str]:
+    """When the recording began, where its own times do not say it; else when the table changed."""
+    if epoch_unit(float(first.t[0])) == "s":
+        return {}
+    if BEGAN in first.metadata:
+        return {BEGAN: first.metadata[BEGAN], BEGAN_BY: "stamps"}
+    return {BEGAN: f"{changed(table):.3f}", BEGAN_BY: "table"}
 
 
 def _refuse_urdf(model: Path, recordings: tuple[Recording, ...]) -> None:

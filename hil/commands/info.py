@@ -10,7 +10,6 @@ import json
 import math
 import sys
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from hil.commands import trust
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
+from hil.record.dates import began
 from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
 from hil.record.recording import UNWRAPPED, Recording
 from hil.record.recovery import recover
@@ -49,11 +49,14 @@ _FIGURES = {"ticks", "missed", "dropped", "ring_most", "longest_gap"} | {
 
 def when(found: SessionSummary) -> str:
     """Date and length, e.g. ``recorded 2026-11-21 13:45:02 UTC, 3 s``."""
-    length = max((c.last_s for c in found.channels if c.count), default=0.0)
-    if not found.zero_ns:
+    counted = [c for c in found.channels if c.count]
+    first = min((c.first_s for c in counted), default=0.0)
+    length = max((c.last_s for c in counted), default=0.0) - first
+    date, by = began(found)
+    if by == "file":  # of a session that says no date; its copies have others
         return f"{length:.4g} s"
-    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC)
-    return f"recorded {began:%Y-%m-%d %H:%M:%S} UTC, {length:.4g} s"
+    said = "recorded" if by == "stamps" else "table last changed"
+    return f"{said} {date:%Y-%m-%d %H:%M:%S} UTC, {length:.4g} s"
 
 
 def figures(session: SessionSummary) -> dict[str, float] | None:

@@ -12,8 +12,9 @@ from hil import progress, terminal
 from hil.errors import HilError, plural
 from hil.record.bags import is_bag
 from hil.record.checks import check
+from hil.record.dates import began, changed
 from hil.record.mcap_read import SessionSummary, summary
-from hil.record.recording import TAGS, Recording, tags_of
+from hil.record.recording import BEGAN, TAGS, Recording, tags_of
 from hil.record.sources import below, every_arm
 
 EXAMPLE = "hil list sessions --tag needle"
@@ -32,7 +33,10 @@ class ListedSession:
     arms : tuple of str
         Names, each with the number of its joints.
     recorded : str
-        Date and time (UTC); empty where the file does not say.
+        Date and time (UTC); empty where the file cannot be read.
+    recorded_by : str
+        ``stamps`` of the recording; else the last change of the ``table`` that was imported, or of
+        the ``file`` itself.
     seconds : float
         Length [s].
     tags : tuple of str
@@ -45,6 +49,7 @@ class ListedSession:
     of: str = ""
     arms: tuple[str, ...] = ()
     recorded: str = ""
+    recorded_by: str = ""
     seconds: float = 0.0
     tags: tuple[str, ...] = ()
     verdict: str = ""
@@ -85,12 +90,20 @@ def run(args: argparse.Namespace) -> int:
     terminal.out(terminal.table([head[k] for k in shown], table, left))
     tagged = f" with {', '.join(args.tag)}" if args.tag else ""
     terminal.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
+    if kinds := [by for by in _CHANGED if any(r.recorded_by == by for r in rows)]:
+        whose = " or ".join(_CHANGED[by] for by in kinds)
+        terminal.out(f"* the recording says no date; this is the last change of {whose}")
     return 0
 
 
+#: What a date is of that is not the recording's own.
+_CHANGED = {"table": "the imported table", "file": "the file itself"}
+
+
 def _cells(r: ListedSession) -> list[str]:
+    date = r.recorded + (" *" if r.recorded_by in _CHANGED else "")
     seconds = f"{r.seconds:.4g}"
-    return [r.path, r.of, ", ".join(r.arms), r.recorded, seconds, ", ".join(r.tags), r.verdict]
+    return [r.path, r.of, ", ".join(r.arms), date, seconds, ", ".join(r.tags), r.verdict]
 
 
 def _row(path: Path) -> ListedSession:
@@ -100,16 +113,23 @@ def _row(path: Path) -> ListedSession:
         found = None if is_bag(path) else summary(path)
     except (HilError, OSError) as error:
         return ListedSession(str(path), verdict=f"cannot be read: {' '.join(str(error).split())}")
-    began = datetime.fromtimestamp(found.zero_ns * 1e-9, UTC) if found and found.zero_ns else None
+    date, by = began(found) if found else _of_bag(path, runs)
     return ListedSession(
         str(path),
         _origin(found) if found else "ROS bag",
         tuple(f"{r.arm} ({r.d})" for r in runs),
-        f"{began:%Y-%m-%d %H:%M}" if began else "",
-        max((float(r.t[-1]) for r in runs), default=0.0),
+        f"{date:%Y-%m-%d %H:%M}",
+        by,
+        max((float(r.t[-1] - r.t[0]) for r in runs), default=0.0),
         tags_of(found.metadata.get(TAGS, {})) if found else (),
         _verdict(runs, found),
     )
+
+
+def _of_bag(path: Path, runs: Sequence[Recording]) -> tuple[datetime, str]:
+    """Date of a bag and by what it is known."""
+    own = [float(r.metadata[BEGAN]) for r in runs if BEGAN in r.metadata]
+    return datetime.fromtimestamp(min(own, default=changed(path)), UTC), "stamps" if own else "file"
 
 
 def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:

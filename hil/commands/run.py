@@ -20,7 +20,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from hil import outputs
+from hil import outputs, terminal
 from hil.commands import common, view
 from hil.errors import ConfigError
 from hil.excite import trajectory
@@ -254,6 +254,14 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
         operator = runner.Operator(
             scheduled(args.at), bar_writer(bar), live, lines, args.wait, board
         )
+        # before the first tick nothing else would be said for as long as that takes
+        compilation = terminal.Compilation(lambda: bar.set_description_str(terminal.COMPILES))
+        compilation.watch()
+
+        def ticked(done: int) -> None:
+            bar.desc = ""
+            bar.update(done)
+
         try:
             return runner.run(
                 config,
@@ -261,7 +269,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
                 args.seed,
                 args.clock,
                 args.output,
-                bar.update,
+                ticked,
                 operator,
                 args.model,
                 opener(args.rig),
@@ -270,6 +278,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
                 rearm=args.rearm,
             )
         finally:
+            compilation.end()
             if stream is not None:
                 stream.end()
 

@@ -163,7 +163,8 @@ def _misses(job: Job, found: Comparison | None) -> Iterator[str]:
     if bound:
         lines.append(f"on their bounds: {', '.join(bound)}")
     if found is not None:
-        lines += [f"{joint}: {r.text}" for joint, rs in found.where.items() for r in rs]
+        named = ((f"{joint}: ", r.text) for joint, rs in found.where.items() for r in rs)
+        lines += [head + text.removeprefix(head) for head, text in named]
         lines += [f.text for f in found.faults]
     yield from (f"- {_plain(line)}" for line in lines)
     if found is None:

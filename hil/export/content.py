@@ -60,7 +60,9 @@ class Vocabulary:
         if Trait.BODY in effect.traits:
             return "" if self.bodies else "the target has no bodies"
         if not effect.doc.formulas and effect.scope.formulas is None:
-            return "it is no formula of the joint's present state"
+            return (
+                "its effort depends on more than the present motion, and the target can say no more"
+            )
         if self.columns is None:
             return ""
         words = {_same(text) for text in self.columns}

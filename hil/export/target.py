@@ -473,6 +473,8 @@ def _feasible(content: Content, rows: FloatArray, mended: bool) -> Nearest | Non
 
 def _said(found: Nearest) -> str:
     change = f"the efforts of the bodies change by {100 * found.change:.2g} %"
+    if found.change == 0.0:
+        change = "the efforts stay the same"
     if found.same:
         return (
             "masses and inertias that the data do not determine were chosen so that every body is "

@@ -183,7 +183,8 @@ def regressor(
     v, a, seen = np.zeros((d, 6)), np.zeros((d, 6)), np.zeros((d, d, 6))
     base, spin, r, p = np.zeros(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     forces, still = np.zeros((6, 10)), np.zeros(6)
-    base[:3] = -gravity
+    for k in range(3):
+        base[k] = -gravity[k]
     for k in range(n):
         for i in range(d):
             before = parent[i]
@@ -232,7 +233,8 @@ def balance(
     v, a, seen = np.zeros((d, 6)), np.zeros((d, 6)), np.zeros((d, d, 6))
     base, spin, r, p = np.zeros(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     forces, still, own = np.zeros((6, 10)), np.zeros(6), np.empty(6)
-    base[:3] = -gravity
+    for k in range(3):
+        base[k] = -gravity[k]
     for k in range(n):
         for i in range(d):
             before, mine = parent[i], pi[k, 10 * i : 10 * i + 10]
@@ -332,7 +334,8 @@ def inverse_dynamics(
     """
     v, a, f, r, p, spin, forces, still, base = room
     d = q.size
-    base[:3] = -gravity
+    for k in range(3):
+        base[k] = -gravity[k]
     for i in range(d):
         before = parent[i]
         _pose(turn[i], place[i], axis[i], q[i], spin, r[i], p[i])

@@ -249,14 +249,40 @@ def _frame_columns(frame: Any) -> dict[str, FloatArray]:
             "hil.from_arrays takes (t, q, tau) or one frame with columns t, q1.., tau1..; "
             f"it got {_kind(frame)} alone"
         )
-    out = _index(frame, [str(n) for n in names])
+    out = _index(frame, [_flat(n) for n in names])
     for name in names:
+        called = _flat(name)
         try:
-            out[str(name)] = _numbers(f"column {str(name)!r}", frame[name])
+            values = _numbers(f"column {called!r}", _whole(frame[name]))
         except DataError:
-            if re.fullmatch(r"t|[a-z]+[0-9]+|[ft][xyz]", str(name)):
+            if re.fullmatch(r"t|[a-z]+[0-9]+|[ft][xyz]|q|qd|tau", called):
                 raise
+            continue
+        if values.ndim == 2 and values.shape[1] <= _WIDEST:  # of all joints
+            out |= {f"{called}{k + 1}": values[:, k] for k in range(values.shape[1])}
+        else:
+            out[called] = values
     return out
+
+
+#: A column of lists or a 2-D array has no more numbers in a row than this.
+_WIDEST = 99
+
+
+def _flat(name: Any) -> str:
+    """Name of a column; of one with several levels, these with points between them."""
+    parts = name if isinstance(name, tuple) else (name,)
+    return ".".join(str(p) for p in parts if str(p))
+
+
+def _whole(column: Any) -> Any:
+    """A column as an array; one whose cells are lists of one length as (n, k)."""
+    array = np.asarray(column)
+    listed = array.dtype == object and array.size and isinstance(array[0], list | np.ndarray)
+    try:
+        return np.stack([np.asarray(x, float) for x in array]) if listed else array
+    except (TypeError, ValueError):  # of several lengths, or no numbers
+        return array
 
 
 def _column_names(frame: Any) -> list[Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, locked_urdf
-from hil.record.recording import BAG, LOCKED, UNWRAPPED, Recording, RobotSource
+from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
+from hil.record.units import epoch_unit
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -146,7 +147,8 @@ def read_bag(path: str | Path, choice: BagChoice | None = None) -> list[Recordin
     bag = _open(Path(path))
     states = _states(bag, chosen)
     zero = {clock: min(int(g.on(clock)[0][0]) for g in states.values()) for clock in _CLOCKS}
-    return [_recording(bag, arm, state, chosen, zero) for arm, state in states.items()]
+    taken = {topic for g in states.values() for topic in (g.topic, _effort(bag, g, chosen)[1])}
+    return [_recording(bag, arm, state, chosen, zero, taken) for arm, state in states.items()]
 
 
 def _open(path: Path) -> _Bag:
@@ -400,9 +402,17 @@ def _held(state: _Group, name: str) -> float:
 
 
 def _recording(
-    bag: _Bag, arm: str, state: _Group, chosen: BagChoice, zero: Mapping[str, int]
+    bag: _Bag,
+    arm: str,
+    state: _Group,
+    chosen: BagChoice,
+    zero: Mapping[str, int],
+    taken: Collection[str],
 ) -> Recording:
-    """Recording of an arm; its time counts from the first joint state of the bag."""
+    """Recording of an arm; its time counts from the first joint state of the bag.
+
+    Topics are `taken` by any arm; the others are told.
+    """
     effort, source = _effort(bag, state, chosen)
     called = _names_of_robot(chosen.robot or _description(bag, arm), state.names)
     state, effort = _renamed(state, called), _renamed(effort, called)
@@ -424,13 +434,13 @@ def _recording(
     keep = np.flatnonzero(good)
     _refuse_short(bag, state, stamps[keep])
     has_speed = bool(np.isfinite(qd[keep]).all())
-    taken = f"{bag.path.name}: {_told(bag, state, source, force, what, clock)}"
+    note = f"{bag.path.name}: {_told(bag, state, source, force, what, clock, taken)}"
     if called:
-        taken += f"; the bag calls {what.names[0]} "
-        taken += f"{next(old for old, new in called.items() if new == what.names[0])}, and so on"
+        note += f"; the bag calls {what.names[0]} "
+        note += f"{next(old for old, new in called.items() if new == what.names[0])}, and so on"
     if lost := len(state.stamp) - keep.size:
-        taken += f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without "
-        taken += "a number, or where the other topics have none"
+        note += f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without "
+        note += "a number, or where the other topics have none"
     turning = [k for k, unit in enumerate(what.units) if unit != "m"]
     found = Recording(
         name=bag.path.stem,
@@ -444,14 +454,25 @@ def _recording(
         robot=what.robot,
         metadata={
             "unit": "m" if set(what.units) == {"m"} else "rad",
-            "note": taken,
+            "note": note,
             BAG: str(bag.path),
+            **_began(state, stamps[keep[0]], clock),
             **_locked_note(what),
         },
     ).unwrapped(turning)
     if said := found.metadata.get(UNWRAPPED):
         found.metadata["note"] += f"; {said}"
     return found
+
+
+def _began(state: _Group, first: int, clock: str) -> dict[str, str]:
+    """When the first sample was taken, where a stamp says it: its own, else that of reception.
+
+    The own stamps of a simulated robot count from the start of the simulation.
+    """
+    received = int(state.stamp[np.argmax(state.header == first)]) if clock == "header" else first
+    known = next((ns for ns in (int(first), int(received)) if epoch_unit(ns * 1e-9) == "s"), 0)
+    return {BEGAN: f"{known * 1e-9:.3f}"} if known else {}
 
 
 def _locked_note(what: _Chosen) -> dict[str, str]:
@@ -530,7 +551,13 @@ def _refuse_short(bag: _Bag, state: _Group, stamps: Stamps) -> None:
 
 
 def _told(
-    bag: _Bag, state: _Group, source: str, force: _Group | None, what: _Chosen, clock: str
+    bag: _Bag,
+    state: _Group,
+    source: str,
+    force: _Group | None,
+    what: _Chosen,
+    clock: str,
+    taken: Collection[str],
 ) -> str:
     """What was taken of a bag, as one sentence."""
     said = f"positions of {state.topic}, efforts of {source}"
@@ -544,7 +571,7 @@ def _told(
         said += f"; locked: {places}"
     elif left := [n for n in state.names if n not in what.names]:
         said += f"; left out: {', '.join(left)} (without motion or effort)"
-    used = {state.topic, source, force.topic if force else ""}
+    used = {*taken, force.topic if force else ""}
     rest = sorted({g.topic for g in bag.groups} - used)
     said += f"; not used: {', '.join(rest)}" if rest else ""
     return said if clock == "header" else f"{said}; times of reception (not all have stamps)"

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import itertools
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 from typing import IO, Any
 
@@ -316,10 +317,11 @@ def _xlsx(path: str, most: int) -> Iterator[tuple[str, Array]]:
 
 
 def _sheet(rows: Iterator[tuple[Any, ...]]) -> dict[str, Array]:
-    """Columns of a sheet by the names of its first row; nothing where it has no numbers."""
-    names = [str(x).strip() if x is not None else "" for x in next(rows, ())]
+    """Columns of a sheet by the names above its numbers; nothing where it has no numbers."""
+    first = list(itertools.islice(rows, _ABOVE))
+    names, start = _head(first)
     columns: list[list[float]] = [[] for _ in names]
-    for row in rows:
+    for row in itertools.chain(first[start:], rows):
         if any(x is not None for x in row):
             for k in range(len(names)):
                 columns[k].append(_cell(row[k] if k < len(row) else None))
@@ -328,10 +330,54 @@ def _sheet(rows: Iterator[tuple[Any, ...]]) -> dict[str, Array]:
     return {n: np.array(c) for n, c in zip(names, columns, strict=True) if n}
 
 
+#: Rows of a sheet among which its first numbers are sought.
+_ABOVE = 60
+
+
+def _head(rows: Sequence[tuple[Any, ...]]) -> tuple[list[str], int]:
+    """Names of the columns of a sheet, and the first row behind them.
+
+    They stand in the row above the numbers, or above their units; before them may stand titles.
+    """
+    from hil.record.guess import with_units
+
+    numbers = [_numbers_in(row) for row in rows]
+    pairs = enumerate(itertools.pairwise(numbers))
+    at = next((k for k, (one, two) in pairs if one > 1 and two > 1), 0)
+    filled = [k for k in range(at) if any(x is not None for x in rows[k])]
+    if not filled:
+        return [_word(x) for x in rows[0]] if rows else [], 1
+    names = [_word(x) for x in rows[filled[-1]]]
+    above = [_word(x) for x in rows[filled[-2]]] if len(filled) > 1 else []
+    if above and (units := with_units(above, names)):
+        return list(units), at
+    return names, at
+
+
+def _numbers_in(row: tuple[Any, ...]) -> int:
+    """How many cells of a row are numbers or times, where no other cell is words."""
+    cells = [x for x in row if x is not None and _word(x)]
+    values = [x for x in cells if not isinstance(x, str) or math.isfinite(_cell(x))]
+    return len(values) if len(values) == len(cells) else 0
+
+
+def _word(value: Any) -> str:
+    return "" if value is None else str(value).strip()
+
+
 def _cell(value: Any) -> float:
-    """Number of a cell; a date as seconds since 1970, NaN where there is none."""
+    """Number of a cell; a date as seconds since 1970, a time of day since midnight, else NaN."""
     if isinstance(value, datetime):
         return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    if isinstance(value, time):  # of day
+        return timedelta(
+            hours=value.hour,
+            minutes=value.minute,
+            seconds=value.second,
+            microseconds=value.microsecond,
+        ).total_seconds()
     if isinstance(value, bool | int | float):
         return float(value)
     try:

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hil.record.mapfile import SCHEMA, is_target
-from hil.record.units import FACTORS, UNSCALED, scale_asked, time_unit
+from hil.record.units import FACTORS, UNSCALED, scale_asked, stem_of, time_unit
 
 #: Words of a quantity, by stem of its column.
 _WORDS = {
@@ -206,6 +206,36 @@ def unit_named(text: str) -> str:
     if len(bare) > 2 and pairs.get(bare[0]) == bare[-1]:
         bare = bare[1:-1]
     return _spelt(bare)
+
+
+def with_units(names: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
+    """Names with the units of a second header row; empty where the row is none.
+
+    Every cell of such a row is a unit, or says that there is none.  A column that is called as a
+    recording calls it, and is in SI units, keeps its name.
+
+    Parameters
+    ----------
+    names, cells : sequence of str
+        The row of names, and the one below it.
+    """
+    units = [unit_named(c) for c in cells]
+    none = [c in ("", "-", "[-]", "()", "1") for c in cells]
+    if len(cells) != len(names) or not any(units):
+        return ()
+    if not all(u or no for u, no in zip(units, none, strict=True)):
+        return ()
+    return tuple(
+        name if not u or _in_si(name, u) else f"{name} [{u}]"
+        for name, u in zip(names, units, strict=True)
+    )
+
+
+def _in_si(name: str, unit: str) -> bool:
+    """Whether a column is one of a recording, in the unit of a recording."""
+    if not is_target(name):
+        return False
+    return FACTORS.get(stem_of(name), {}).get(unit) == 1.0 and unit != "K"
 
 
 def _timed(columns: Sequence[_Column]) -> _Column | None:

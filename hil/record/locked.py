@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError, DataError, plural, unknown
+from hil.errors import ConfigError, DataError, families, plural, unknown
 from hil.record.recording import LOCKED, RobotSource
 from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
 
@@ -417,6 +417,8 @@ def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> No
     missing = [f"{stem}{k}" for k in range(1, max(d, 1) + 1) if k not in numbers]
     if missing:
         why = f"it has {count} (q columns)" if d else ""
+        if not numbers and stem == "tau":
+            why += ", and without the motors' efforts no model of them can be found"
         if numbers and stem == "tau":
             why += f"; of a joint without a motor write {missing[0]} = 0.0 in a map"
         raise _no_column(table, missing, why)
@@ -433,24 +435,31 @@ def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:
 
 
 def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError:
-    from hil.record.guess import propose  # of tables alone, and only where one is refused
+    # of tables alone, and only where one is refused
+    from hil.record.guess import propose
+    from hil.record.mapfile import known_log, patterns
 
     reason = f" ({why})" if why else ""
-    found = propose(table.names)
+    found, log = propose(table.names), known_log(table.names)
+    wanted = ", ".join(map(repr, families(names)))
+    lacks = (
+        f"table {table.path} has no column {wanted}{reason}. It has: "
+        f"{', '.join(families(table.names)[:40])}. "
+    )
+    if log:
+        given = f'map="{log}"' if table.in_memory else f"--map {log}"
+        return DataError(f"{lacks}These are the columns of a {log} log: read it with {given}")
     if table.in_memory:
-        said = dict(found.columns) if found is not None else {names[0]: "..."}
+        said = patterns(found.columns) if found is not None else {names[0]: "..."}
         return DataError(
-            f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It "
-            f"has: {', '.join(table.names[:40])}. Rename with map={{'columns': {said}}}, which may "
-            "say units, too (docs/import.md)"
+            f"{lacks}Rename with map={{'columns': {said}}}, which may say units, too "
+            "(docs/import.md)"
         )
-    propose_it = f"'hil import {table.path.name} --propose-map MAP.toml' writes"
+    file = table.path.name if table.path.is_file() else "TABLE"  # an episode is no file of its own
+    propose_it = f"'hil import {file} --propose-map MAP.toml' writes"
     offer = f'Rename in a map file (docs/import.md): [columns] {names[0]} = "..."'
     if found is not None and names[0] in found.columns:
         offer = f"{propose_it} a map from these names"
     elif found is not None:
         offer += f"; {propose_it} one to complete"
-    return DataError(
-        f"table {table.path} has no column {', '.join(repr(n) for n in names)}{reason}. It has: "
-        f"{', '.join(table.names[:40])}. {offer}"
-    )
+    return DataError(f"{lacks}{offer}")

@@ -180,6 +180,45 @@ def _matching(pattern: str, names: Sequence[str]) -> list[str]:
     return [name for _, name in sorted(found)]
 
 
+def patterns(columns: Mapping[str, str]) -> dict[str, str]:
+    """Rules of columns, those of a stem as one pattern for `TableMap.expand` where they are one.
+
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Column of the table by target column.
+    """
+    out: dict[str, str] = {}
+    stems = {target: target.rstrip("0123456789") for target in columns}
+    for stem in dict.fromkeys(stems.values()):
+        own = {target: columns[target] for target in columns if stems[target] == stem}
+        plan = [f"{stem}{k + 1}" for k in range(len(own))]
+        head, _, tail = re.sub(r"[0-9]+(?=[^0-9]*$)", "*", next(iter(own.values()))).partition("*")
+        same = _matching(f"{head}*{tail}", list(own.values()))
+        one = len(own) > 2 and list(own) == plan and same == list(own.values())
+        out |= {f"{stem}*": f"{head}*{tail}"} if one else own
+    return out
+
+
+def known_log(names: Sequence[str]) -> str:
+    """Built-in map of a program whose log has such columns; empty where none reads them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Columns of the table.
+    """
+    for name in builtin_maps():
+        found = read_map(name, (1.0,) * _MOST_JOINTS)
+        timed = set(found.arms.get("", {}).get("t", Rule({"": 1.0})).terms) <= set(names)
+        filled = found.expand(names) if timed and found.patterns else {}
+        if {"q1", "tau1"} <= set(filled):
+            return name
+    return ""
+
+
+#: Torque constants that stand in while a map is only compared with columns.
+_MOST_JOINTS = 99
 SCHEMA = "hil.map/1"
 TARGETS = (
     "t",

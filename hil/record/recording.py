@@ -58,6 +58,9 @@ class RobotSource:
 PRESETS = ("single-axis", "phantom-premium-1.5", "phantom-omni")
 #: Key of a recording's metadata: the ROS bag that it was read from.
 BAG = "bag"
+#: Key of a recording's metadata, and of a session's record of its import: when the first sample
+#: was taken [s since 1970]; where that is not known, `BEGAN_BY` says what the time is of.
+BEGAN, BEGAN_BY = "began_s", "began_by"
 #: Key of a recording's metadata: joints that are locked, and where, as JSON.
 LOCKED = "locked"
 #: Metadata: numbers of the joints whose unit was said, so that nobody doubts it.

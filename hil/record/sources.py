@@ -28,6 +28,8 @@ _ENDINGS = (".mcap", ".bag", ".db3")
 def find(paths: Iterable[str | Path]) -> list[Path]:
     """Files and bags of some paths; a folder stands for the sessions and bags in it, by name.
 
+    Where it holds none itself, those of the folders in it are taken: of days, of robots.
+
     Raises
     ------
     DataError
@@ -38,7 +40,7 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
         if not path.is_dir() or is_bag(path):
             out.append(path)
             continue
-        inside = [p for p in sorted(path.iterdir()) if is_bag(p) or _is_file(p)]
+        inside = _inside(path) or [p for place in _folders(path) for p in _inside(place)]
         if not inside:
             raise DataError(
                 f"folder {path} holds no session and no ROS bag ({', '.join(_ENDINGS)}); tables "
@@ -46,6 +48,17 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
             )
         out += inside
     return out
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Sessions and bags that stand in a folder itself."""
+    return [p for p in sorted(folder.iterdir()) if is_bag(p) or _is_file(p)]
+
+
+def _folders(path: Path) -> list[Path]:
+    """Folders below one, but for bags."""
+    inside = sorted(p for p in path.rglob("*") if p.is_dir())
+    return [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
 
 
 def below(paths: Iterable[str | Path]) -> list[Path]:
@@ -60,13 +73,10 @@ def below(paths: Iterable[str | Path]) -> list[Path]:
     for path in given:
         if not path.exists():
             raise DataError(f"{path}: no such folder or file")
-        inside = sorted(p for p in path.rglob("*") if p.is_dir()) if path.is_dir() else []
-        folders = [p for p in inside if not is_bag(p) and not is_bag(p.parent)]
-        for place in (path, *folders):
-            try:
-                out += find([place])
-            except DataError:  # a folder without any; that no folder has one is said below
-                continue
+        if path.is_dir() and not is_bag(path):
+            out += [p for place in (path, *_folders(path)) for p in _inside(place)]
+        else:
+            out.append(path)
     if not out:
         raise DataError(f"{', '.join(map(str, given))} holds no session and no ROS bag")
     return out

@@ -5,6 +5,7 @@ Of a text table the first bad cell is named.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import functools
 import io
@@ -24,9 +25,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
 from hil.record.foreign import BINARY, Array, Arrays, read_arrays
-from hil.record.guess import unit_named
-from hil.record.mapfile import is_target
-from hil.record.units import FACTORS, stem_of
+from hil.record.guess import with_units
 from hil.userfile import open_regular
 
 FloatArray = NDArray[np.float64]
@@ -225,32 +224,12 @@ def _names_in(line: str, delimiter: str, wide: int) -> tuple[str, ...]:
 
 
 def _units_row(row: str, names: Sequence[str], delimiter: str) -> tuple[str, ...]:
-    """Names with the units of a second header row; empty where the row is none.
-
-    Every cell of such a row is a unit, or says that there is none.  A column that is called as a
-    recording calls it, and is in SI units, keeps its name.
-    """
+    """Names with the units of a second header row; empty where the row is none."""
     try:
         cells = [c.strip() for c in next(csv.reader([row], delimiter=delimiter))]
     except csv.Error:
         return ()
-    units = [unit_named(c) for c in cells]
-    none = [c in ("", "-", "[-]", "()", "1") for c in cells]
-    if len(cells) != len(names) or not any(units):
-        return ()
-    if not all(u or no for u, no in zip(units, none, strict=True)):
-        return ()
-    return tuple(
-        name if not u or _in_si(name, u) else f"{name} [{u}]"
-        for name, u in zip(names, units, strict=True)
-    )
-
-
-def _in_si(name: str, unit: str) -> bool:
-    """Whether a column is one of a recording, in the unit of a recording."""
-    if not is_target(name):
-        return False
-    return FACTORS.get(stem_of(name), {}).get(unit) == 1.0 and unit != "K"
+    return with_units(names, cells)
 
 
 def _refuse_columns(path: Path, names: Sequence[str]) -> None:
@@ -285,7 +264,7 @@ class _Body:
     def __iter__(self) -> Iterator[tuple[int, str]]:
         with (
             open_regular(self.path, LARGEST_TEXT) as raw,
-            io.TextIOWrapper(raw, encoding=_encoding(raw)) as file,
+            io.TextIOWrapper(raw, encoding=_encoding(raw), errors=_LATIN) as file,
         ):
             number = 0
             try:
@@ -300,7 +279,26 @@ class _Body:
                         line = line.rstrip("\n")
                         yield number, ",".join(line.split()) if self.spaced else line
             except UnicodeError as error:
-                raise DataError(f"table {self.path} is not a text file: {error}") from error
+                raise DataError(
+                    f"table {self.path} is not a text file: behind row {number} are bytes that are "
+                    "no letters; export it as CSV in UTF-8"
+                ) from error
+
+
+def _latin(error: UnicodeError) -> tuple[str, int]:
+    """The letters and signs of Latin-1 (degree, micro, umlauts) where a byte is no UTF-8.
+
+    Older programs and spreadsheets write them so; any other byte is none of a text.
+    """
+    if isinstance(error, UnicodeDecodeError) and error.encoding == "utf-8":
+        found = error.object[error.start : error.end]
+        if min(found) >= _FIRST_LETTER:
+            return found.decode("latin-1"), error.end
+    raise error
+
+
+_LATIN, _FIRST_LETTER = "hil.latin", 0xA0
+codecs.register_error(_LATIN, _latin)
 
 
 def _is_text(path: Path) -> bool:

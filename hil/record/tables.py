@@ -457,7 +457,8 @@ def _timed(
     text = f"the time {name!r} is in {unit}"
     if epoch:
         begin = datetime.fromtimestamp(first * factor, UTC)
-        text += f" since 1970; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
+        dates = ", or dates (UTC where they say no zone)" if unit == "s" else ""
+        text += f" since 1970{dates}; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
     return {**rules, "t": Rule({name: factor})}, [text]
 
 

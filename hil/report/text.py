@@ -409,6 +409,11 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 
 AGAIN = "Diagnose again."
+#: Before all else where it lacks: gravity and coupling look like changes and remainders, too.
+DESCRIBE = (
+    "Give the robot's description first (--robot ARM.urdf): gravity and the coupling of the joints "
+    "look like changes and remainders as long as the model lacks them."
+)
 #: The step to which the commands belong.
 ACCEPT = "Accept"
 #: Where what is left acts by itself.
@@ -459,6 +464,8 @@ def next_steps(m: Material) -> list[str]:
             f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
         ]
         return steps
+    if _undescribed(m):
+        return [DESCRIBE, AGAIN]
     if m.verdict in ("adequate", "unexplained") and apart(m):
         what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
         return [f"{what}.", AGAIN]

@@ -9,6 +9,7 @@ follows two time constants: winding to housing, housing to air.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from math import fabs, floor, isfinite, sqrt
@@ -94,6 +95,35 @@ def named(mask: int) -> list[Condition]:
 def sentence(mask: int) -> str:
     """What a mask means, in words, the worst first."""
     return "; ".join(c.text for c in named(mask)) or "nothing is wrong"
+
+
+def beyond(mask: int, joints: Sequence[str], q: Any, qd: Any, lim: Any) -> list[str]:
+    """Which joints are what a mask says, with values and limits; empty where it is of no joint.
+
+    Parameters
+    ----------
+    mask : int
+        Conditions.
+    joints : sequence of str
+        Names, length d.
+    q, qd : ndarray (d,)
+        Positions and speeds of that tick.
+    lim : ndarray
+        Of `limits`.
+
+    Returns
+    -------
+    list of str
+        In SI units of the joint: rad/s or m/s, rad or m.
+    """
+    found = []
+    for i, name in enumerate(joints):
+        low, high, fast = (float(lim[_ROWS + _BOUNDS * i + k]) for k in (_LOW, _HIGH, _SPEED))
+        if mask & _FAST and not abs(qd[i]) <= fast:
+            found.append(f"{name} at {qd[i]:.4g} of {fast:.4g}")
+        if mask & _RANGE and not low <= q[i] <= high:
+            found.append(f"{name} at {q[i]:.4g}, range {low:.4g} to {high:.4g}")
+    return found
 
 
 #: Outcomes, the larger the worse (as `hil.signals.device.Status`).

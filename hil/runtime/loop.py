@@ -224,6 +224,8 @@ class Loop:
         self.applied: deque[tuple[int, str, OperatingState, OperatingState]] = deque()
         self.tick = self._zero_ns = 0
         self.since = self.reason = 0
+        #: Row of the tick in which it let go.
+        self.seen = self.frame.copy()
         self.conditions = 0
         self.longest_ns = 0
         self.clamped = 0
@@ -296,10 +298,12 @@ class Loop:
             if state is not OperatingState.FAULT:
                 self.machine.command(StateCommand.FAULT)
                 self.since, self.reason = self.tick, mask & FAULTING
+                self.seen = self.frame.copy()
             self._arms.let_go()
         elif state is OperatingState.ENABLED:
             self.machine.command(StateCommand.PAUSE)
             self.since, self.reason = self.tick, mask & PAUSING
+            self.seen = self.frame.copy()
 
     def _obey(self, command: OperatorCommand) -> None:
         before = self.machine.state

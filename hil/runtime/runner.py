@@ -20,7 +20,7 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
-from hil.rig.safety import sentence
+from hil.rig.safety import beyond, sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded
@@ -88,6 +88,7 @@ class Session:
         self.layout = layout
         self.watchdog: Watchdog | None = None
         self.trip: dict[str, object] = {}
+        self.began = time.perf_counter()
 
     def run(self, progress: Callable[[int], None] | None, watchdog: Watchdog | None) -> None:
         """Until the time is up, an arm faults, or the operator stops."""
@@ -99,6 +100,7 @@ class Session:
         try:
             loop.rehearse()
             self.slow.rehearse()
+            self.began = time.perf_counter()  # what was compiled is no part of the session
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
                 self.operator.say(commands.usage(self.slow.shop.settable()))
@@ -252,6 +254,27 @@ class Session:
         """Why the loop let go of the arms; empty where it did not."""
         return sentence(self.loop.reason) if self.loop.unsafe else ""
 
+    def _reason(self) -> str:
+        """Why the loop let go, with the joints that it is of and what may help."""
+        loop, which = self.loop, []
+        if not loop.reason:
+            return ""
+        arms = self.config.controller.arms
+        for i, arm in enumerate(arms):
+            q, qd, *_ = self.layout.arm(loop.seen, i)
+            joints, lim = self.config.arms[arm].joints, self.rig.ports[i].limits
+            names = [f"{arm} {name}" for name in joints] if len(arms) > 1 else joints
+            which += beyond(loop.reason, names, q, qd, lim)
+        said = sentence(loop.reason) + (f" ({', '.join(which)})" if which else "")
+        plays = self.config.controller.parameters.get("trajectory")
+        if which and plays and loop.unsafe:
+            said += (
+                "; a motion of 'hil excite' is slower than that, so the law does not follow it: "
+                "see to its gains (a rotor's inertia guessed too small in armature leaves a joint "
+                "undamped), or take computed-torque"
+            )
+        return said
+
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""
         loop, timer = self.loop, self.timer
@@ -282,7 +305,7 @@ class Session:
     def summary(self, seed: int, wall: float) -> Summary:
         """What it was; raises where it ended badly."""
         loop, config = self.loop, self.config.loop
-        reason = sentence(loop.reason) if loop.reason else ""
+        reason = self._reason()
         if self.slow.trouble is not None:
             raise ConfigError(
                 cut_short(self.output, self.slow.trouble, self.slow.unwritten)
@@ -412,7 +435,6 @@ def run(
     config = session.with_run_options(config, seconds, seed, clock)
     operator = operator or Operator()
     commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
-    began = time.perf_counter()
     with (
         unwinding_signals(),
         guarded(config.safety, Path(output), source, rearm) as watchdog,
@@ -423,4 +445,4 @@ def run(
             made.run(progress, watchdog)
         finally:
             rig.close()
-    return made.summary(seed, time.perf_counter() - began)
+    return made.summary(seed, time.perf_counter() - made.began)

@@ -433,7 +433,14 @@ def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
         As `hil.runtime.runner` publishes it; empty before the first one.
     """
     if "state" not in snapshot:
-        return [[("", "starting ...")]]
+        return [
+            [
+                (
+                    "",
+                    "starting ... (compiling for up to a minute, once per installation)",
+                )
+            ]
+        ]
     state = str(snapshot["state"])
     why = f"  {snapshot['why']}" if snapshot["why"] else ""
     rows = [

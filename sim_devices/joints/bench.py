@@ -203,6 +203,7 @@ class SimArm:
     def _advance(
         self, x: NDArray[Any], random: NDArray[np.float64], span: float, touched: NDArray[Any]
     ) -> None:
+        touches = bool(touched["any"][0])
         motion.run(
             self._bodies,
             self.p,
@@ -214,8 +215,8 @@ class SimArm:
             motion.WEIGHT,
             span,
             max(1, round(span * STEPS)),
-            touched[0],
-            self._touch_room,
+            touched[0] if touches else None,
+            self._touch_room if touches else None,
         )
 
     def sense(self) -> None:

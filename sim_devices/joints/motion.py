@@ -424,8 +424,9 @@ def run(
         Efforts in half steps of the drives.
     random : ndarray (d,)
         Standard normal numbers.
-    met, met_room : structured record, ndarray
-        What touches the arm (`hil.sim_devices.joints.touch`), and room for it.
+    met, met_room : structured record and ndarray, or None
+        What touches the arm (`hil.sim_devices.joints.touch`), and room for it; None where nothing
+        does, so that its laws need not be compiled.
     """
     q, qd, tau, qdd = room[4], room[5], room[6], room[7]
     dt, d = span / n, p.size
@@ -437,7 +438,7 @@ def run(
             q[i], qd[i] = x[i].q, x[i].v
             tau[i] = pushed(p[i], x[i], codes[i], dt) - friction(p[i], x[i], dt)
         outward(b, q, qd, room[:4])
-        if met.any:
+        if met is not None:
             touch.act(b, room[0], room[2], met, dt, met_room)
         inward(b, rotor, weight, tau, room[:4], qdd)
         for i in range(d):

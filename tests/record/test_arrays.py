@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import re
+
 import numpy as np
 import pandas as pd
 import plants
@@ -24,6 +27,11 @@ ARM = """<robot name="arm"><link name="base"/><link name="upper"><inertial><mass
 @pytest.fixture(scope="module")
 def plain():
     return plants.smooth_axis(seconds=2.0)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return plants.joints(d=3)
 
 
 def two(run):
@@ -217,3 +225,30 @@ def test_what_is_said_of_a_robot_is_said_in_python(plain):
         hil.from_arrays(plain.t, plain.q, plain.tau, robot="none.urdf")
     with pytest.raises(DataError, match=r'name the joints .* with joints=\["a", "b"\]'):
         hil.from_arrays(plain.t, *two(plain), robot=ARM)
+
+
+def test_columns_that_hold_all_joints_are_columns_of_each(run):
+    """A dictionary of arrays, and frames whose cells are lists, as those of LeRobot data sets."""
+    given = {"t": run.t, "q": run.q, "tau": run.tau}
+    listed = {key: list(x) if x.ndim == 2 else x for key, x in given.items()}
+    for frame in (given, pd.DataFrame(listed), pl.DataFrame(listed)):
+        found = hil.from_arrays(frame)
+        np.testing.assert_array_equal(found.q, run.q)
+        np.testing.assert_array_equal(found.tau, run.tau)
+
+
+@pytest.mark.parametrize("joint_first", [False, True])
+def test_columns_of_several_levels_are_named_in_the_refusal_and_read_as_it_says(run, joint_first):
+    """The map of the message, as it stands there, reads the frame."""
+    columns = {}
+    for k in range(run.d):
+        for what, x in (("position", run.q), ("effort", run.tau)):
+            columns[(f"j{k + 1}", what) if joint_first else (what, f"j{k + 1}")] = x[:, k]
+    frame = pd.DataFrame(columns, index=pd.Index(run.t, name="time"))
+    with pytest.raises(DataError, match="has no column 'q1'") as refused:
+        hil.from_arrays(frame)
+    text = str(refused.value)
+    said = ast.literal_eval(re.search(r"map=(\{.*\}), which", text)[1])
+    found = hil.from_arrays(frame, map=said)
+    np.testing.assert_array_equal(found.q, run.q)
+    np.testing.assert_array_equal(found.tau, run.tau)

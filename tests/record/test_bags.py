@@ -9,6 +9,7 @@ import sqlite3
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 from bag_files import KINDS, BagFile
 from record_tables import URDF, needs_data
@@ -321,3 +322,24 @@ def test_a_dry_run_shows_what_would_be_taken_of_a_bag(plain, tmp_path, capsys):
     assert told["session"] is None and "/joint_states" in told["arms"][0]["taken"]
     assert main(["import", str(plain)]) == 2
     assert "--dry-run shows what would be read" in capsys.readouterr().err
+
+
+def test_topics_of_another_arm_that_is_taken_are_not_told_as_unused(tmp_path, capsys):
+    """Two arms by CRTK's names: each says what nobody took, and faults say whose they are."""
+    run = plants.joints(d=2)
+    names, t = list(run.joints), run.t[:3000]
+    q, tau = (np.ascontiguousarray(x[:3000]) for x in (run.q, run.tau))
+    with BagFile(tmp_path, "mcap") as bag:
+        for arm in ("PSM1", "MTML"):
+            wrong = np.ascontiguousarray(50 * np.gradient(q, t, axis=0))
+            bag.joints(f"/{arm}/measured_js", t, names, q, wrong)
+            bag.joints(f"/{arm}/setpoint_jf", t, names, None, None, tau)
+        bag.force("/spare/wrench", t[:50], np.ones((50, 6)), "tip")
+    words = ["import", str(bag.path), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert out.count("not used: /spare/wrench\n") == 2
+    for arm in ("PSM1", "MTML"):
+        assert f"warning [velocity-scale] {arm} {names[0]}: qd1 is 50 times" in out
+    assert main([*words, "--topic", "/PSM1/measured_js"]) == 0
+    assert "not used: /MTML/measured_js, /MTML/setpoint_jf, " in capsys.readouterr().out

@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
+import openpyxl
 import pandas as pd
 import plants
 import pyarrow as pa
@@ -572,3 +573,78 @@ def test_what_is_no_text_is_refused_as_such(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0")
     with pytest.raises(DataError, match=r"format '.h5'; expected text of any ending"):
         import_table(tmp_path / "a.h5")
+
+
+def test_a_sheet_may_have_titles_and_units_around_its_names(tmp_path, frame):
+    """Title, a blank row, who did it, names, units, numbers: as people write workbooks."""
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(["Messung vom 12.03.2026"])
+    sheet.append([])
+    sheet.append(["operator", "A. B."])
+    sheet.append(["time", *frame.columns[1:]])
+    sheet.append(["ms", *("rad" if n[:2] != "ta" else "Nm" for n in frame.columns[1:])])
+    for row in frame.itertuples(index=False):
+        sheet.append([1e3 * row[0], *row[1:]])
+    path = tmp_path / "lab.xlsx"
+    book.save(path)
+    plain = tmp_path / "plain.csv"
+    frame.to_csv(plain, index=False)
+    found, same = (import_table(p).recordings[0] for p in (path, plain))
+    np.testing.assert_allclose(found.t, same.t, atol=1e-12)
+    np.testing.assert_allclose(found.q, same.q, rtol=1e-14)  # a workbook keeps 16 digits
+    np.testing.assert_allclose(found.tau, same.tau, rtol=1e-14)
+
+
+def test_times_of_day_in_a_sheet_are_times(tmp_path, frame):
+    """A cell of a time of day, or of a time span, is in seconds."""
+    seconds = frame["t"].round(6)
+    for k, kind in enumerate(("time", "span")):
+        spans = [timedelta(seconds=float(x)) for x in seconds]
+        noon = datetime(2026, 3, 12, 12)
+        cells = [(noon + s).time() for s in spans] if kind == "time" else spans
+        path, book = tmp_path / f"{k}.xlsx", openpyxl.Workbook()
+        book.active.append(list(frame.columns))
+        for cell, row in zip(cells, frame.itertuples(index=False), strict=True):
+            book.active.append([cell, *row[1:]])
+        book.save(path)
+        t = import_table(path).recordings[0].t
+        np.testing.assert_allclose(t - t[0], seconds - seconds[0], atol=2e-3)
+
+
+def test_the_signs_of_an_older_program_are_read(tmp_path, frame):
+    """A degree sign in Latin-1, as spreadsheets of Windows write it; other bytes are no text."""
+    path = tmp_path / "old.csv"
+    text = frame.assign(q1=np.degrees(frame["q1"])).to_csv(index=False)
+    text = text.replace("q1,", "Winkel [°],", 1)
+    path.write_bytes(text.encode("cp1252"))
+    rules = {"columns": {"q1": {"from": "Winkel [°]", "unit": "deg"}}}
+    found = import_table(path, parse_map(rules)).recordings[0]
+    np.testing.assert_allclose(found.q[:, 0], frame["q1"], rtol=1e-12)
+    path.write_bytes(text.encode("cp1252").replace(b"\xb0", b"\x81"))
+    with pytest.raises(DataError, match=r"behind row 0 are bytes that are no letters"):
+        import_table(path)
+
+
+def test_a_log_of_a_known_program_is_recognised_where_it_is_refused(tmp_path, frame):
+    renamed = {"t": "time"}
+    for k in range(1, 1 + sum(n.startswith("tau") for n in frame.columns)):
+        renamed |= {f"q{k}": f"state.q[{k - 1}]", f"tau{k}": f"state.tau_J[{k - 1}]"}
+    path = tmp_path / "log.csv"
+    frame.rename(columns=renamed).to_csv(path, index=False)
+    with pytest.raises(DataError, match=r"columns of a libfranka log: read it with --map libfra"):
+        import_table(path)
+
+
+def test_a_data_set_without_efforts_says_that_these_are_needed(tmp_path, frame):
+    """Most LeRobot sets have positions and commands alone."""
+    place = tmp_path / "set" / "data" / "chunk-000"
+    place.mkdir(parents=True)
+    (tmp_path / "set" / "meta").mkdir()
+    (tmp_path / "set" / "meta" / "info.json").write_text('{"codebase_version": "v2.1"}')
+    q = frame[["q1", "q2"]].to_numpy().tolist()
+    told = {"observation.state": q, "action": q, "timestamp": frame["t"]}
+    parquet.write_table(pa.table(told), place / "episode_000000.parquet")
+    needed = r"no column 'tau1', 'tau2' .*without the motors' efforts no model.*import TABLE"
+    with pytest.raises(DataError, match=needed):
+        import_table(tmp_path / "set", read_map("lerobot"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from bag_files import BagFile
 
 from hil.cli import main
 from hil.record.export import write_recordings
+from hil.record.sources import below, find
 
 SMALL = Path(__file__).with_name("small.mcap")
 
@@ -96,7 +98,67 @@ def test_a_folder_without_sessions_is_an_error(folder, capsys):
 
 
 def test_a_column_that_is_empty_throughout_is_left_out(folder, capsys):
-    shutil.copy("sessions/day2/a.mcap", "a.mcap")
+    shutil.copy("sessions/small.mcap", "a.mcap")
     assert main(["list", "a.mcap"]) == 0
     head = capsys.readouterr().out.splitlines()[0]
-    assert "tags" in head and "recorded" not in head
+    assert "arms" in head and "tags" not in head
+
+
+def test_a_recording_without_a_date_of_its_own_has_that_of_its_table(folder, capsys):
+    os.utime("t.csv", (1_700_000_000, 1_700_000_000))  # 2023-11-14 22:13:20 UTC
+    assert main(["import", "t.csv", "-o", "old.mcap"]) == 0
+    capsys.readouterr()
+    row = listed(capsys, "old.mcap")["old.mcap"]
+    assert (row["recorded"], row["recorded_by"]) == ("2023-11-14 22:13", "table")
+    assert main(["list", "old.mcap"]) == 0
+    out = capsys.readouterr().out
+    assert "2023-11-14 22:13 *" in out
+    assert "* the recording says no date; this is the last change of the imported table" in out
+    assert main(["info", "old.mcap"]) == 0
+    assert "table last changed 2023-11-14 22:13:20 UTC" in capsys.readouterr().out
+
+
+def test_a_session_that_says_no_date_has_that_of_its_file(folder, capsys):
+    write_recordings("bare.mcap", [plants.tanh_axes()])
+    os.utime("bare.mcap", (1_700_000_000, 1_700_000_000))
+    row = listed(capsys, "bare.mcap")["bare.mcap"]
+    assert (row["recorded"], row["recorded_by"]) == ("2023-11-14 22:13", "file")
+
+
+def test_a_bag_has_the_date_of_its_stamps_also_when_imported(folder, capsys):
+    bag = "sessions/day2/bag"
+    row = listed(capsys, bag)[bag]
+    assert row["recorded_by"] == "stamps" and row["recorded"].startswith("20")
+    assert main(["import", bag, "-o", "from_bag.mcap"]) == 0
+    capsys.readouterr()
+    again = listed(capsys, "from_bag.mcap")["from_bag.mcap"]
+    assert (again["recorded"], again["recorded_by"]) == (row["recorded"], "stamps")
+
+
+def test_a_table_with_dates_has_these(folder, capsys):
+    rows = "".join(f"{1.7e9 + k * 0.004},{(k % 50) * 0.01},{k % 7}\n" for k in range(400))
+    Path("dated.csv").write_text("t,q1,tau1\n" + rows)
+    assert main(["import", "dated.csv", "-o", "dated.mcap"]) == 0
+    capsys.readouterr()
+    row = listed(capsys, "dated.mcap")["dated.mcap"]
+    assert (row["recorded"], row["recorded_by"]) == ("2023-11-14 22:13", "stamps")
+
+
+def test_a_recording_whose_time_does_not_begin_at_0_is_as_long_as_it_is(folder, capsys):
+    rows = "".join(f"{1234.5 + k * 0.004:.3f},{(k % 50) * 0.01},{k % 7}\n" for k in range(401))
+    Path("late.csv").write_text("t,q1,tau1\n" + rows)
+    assert main(["import", "late.csv", "-o", "late.mcap"]) == 0
+    capsys.readouterr()
+    assert listed(capsys, "late.mcap")["late.mcap"]["seconds"] == pytest.approx(1.6)
+    assert main(["info", "late.mcap"]) == 0
+    assert ", 1.6 s" in capsys.readouterr().out
+
+
+def test_a_folder_of_folders_is_the_sessions_in_them(folder):
+    """The analyses take what the list shows, where a folder holds only folders of days."""
+    (folder / "fleet").mkdir()
+    shutil.move(str(folder / "sessions" / "day2"), str(folder / "fleet" / "day2"))
+    assert find([folder / "fleet"]) == below([folder / "fleet"])
+    assert {p.name for p in find([folder / "fleet"])} == {"a.mcap", "bag"}
+    beside = {p.name for p in find([folder / "sessions"])}  # those of the folder itself alone
+    assert beside == {"small.mcap", "b.mcap", "broken.mcap"}

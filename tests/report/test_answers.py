@@ -13,14 +13,19 @@ from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
-from hil.diagnosis.types import Finding
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
+from hil.diagnosis.types import Finding, UnnamedCorrection
 from hil.diagnosis.verbs import compare, ladder
+from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.identify import bands
+from hil.models import catalogue
 from hil.models.model import Value
+from hil.models.parts import Trait
+from hil.report.data import from_diagnosis
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
 from hil.report.json import diagnosis_json
-from hil.report.text import Files, with_model
+from hil.report.text import Files, next_steps, with_model
 
 
 @pytest.fixture(scope="module")
@@ -228,3 +233,16 @@ def test_the_first_analysis_says_once_that_it_compiles(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
     monkeypatch.undo()
     assert bands.compiled()
+
+
+def test_who_lacks_the_description_is_asked_for_that_before_all_else(plain):
+    """A step of all efforts is what gravity of joints that were not given looks like, too."""
+    name = next(n for n, e in catalogue.table().items() if Trait.GEOMETRY in e.traits)
+    stands = UnnamedCorrection(name, "gravity of an unknown geometry", "joint1", 90.0, 20.0, 1.0)
+    step = f"joint1: another scale of all efforts from 3.5 s on. {CUT_THERE}."
+    warnings = [(NO_GEOMETRY, "3 joints without a robot description"), (CHANGED, step)]
+    d = replace(plain, verdict="unexplained", findings=[], warnings=warnings, corrections=[stands])
+    m = from_diagnosis(d)
+    assert next_steps(m)[0].startswith("Give the robot's description first (--robot ARM.urdf)")
+    described = from_diagnosis(replace(d, warnings=warnings[1:]))
+    assert next_steps(described)[0] == f"{CUT_THERE}."

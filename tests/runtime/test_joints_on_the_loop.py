@@ -1,11 +1,13 @@
 """Arms of any number of joints on the loop: rig file, record, limits, replay, both back ends."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hil.errors import ConfigError, DeviceError
+from hil.excite import trajectory
 from hil.models.robots import bare_robot
 from hil.record.container import read
 from hil.record.mcap_read import load
@@ -123,8 +125,16 @@ def test_the_raw_words_are_those_of_all_joints(tmp_path):
 @pytest.mark.parametrize(
     ("more", "condition", "fault"),
     [
-        ("position_min = [-1, -1, -1, -1, -1]\nposition_max = [1, 1, 1, 1, 0.05]", "range", False),
-        ("speed_limit = [3, 3, 3, 3, 0.1]", "speed_limit", True),
+        (
+            "position_min = [-1, -1, -1, -1, -1]\nposition_max = [1, 1, 1, 1, 0.05]",
+            r"outside of its range \(axis_4 at -?[0-9.]+, range -1 to 0\.05\)",
+            False,
+        ),
+        (
+            "speed_limit = [3, 3, 3, 3, 0.1]",
+            r"passed its speed_limit \(axis_4 at -?[0-9.]+ of 0\.1\); the motors",
+            True,
+        ),
     ],
 )
 def test_the_limits_of_the_last_joint_hold(tmp_path, more, condition, fault):
@@ -136,7 +146,22 @@ def test_the_limits_of_the_last_joint_hold(tmp_path, more, condition, fault):
     # no longer: without torque it falls
     summary = run(config, 0.75, 0, output=tmp_path / "s.mcap")
     assert summary.state == "PAUSED"
-    assert condition in summary.reason
+    assert re.search(condition, summary.reason)
+
+
+def test_a_motion_that_the_law_does_not_follow_is_told_from_a_fast_one(tmp_path):
+    """The motion keeps to the speed limit; who passes it is the law, and the message says so."""
+    config = rig(tmp_path, 5, more="speed_limit = [3, 3, 3, 3, 0.1]")
+    names = tuple(f"axis_{k}" for k in range(5))
+    via, ends = np.full((2, 5), 0.2), np.array([0.0, 10.0])
+    still = trajectory.Trajectory(
+        names, ("rad",) * 5, 10.0, ends, via, np.full(2, 0.1), np.zeros((5, 1, 2))
+    )
+    trajectory.write(still, tmp_path / "hold.toml", "")
+    parameters = {**config.controller.parameters, "trajectory": str(tmp_path / "hold.toml")}
+    controller = replace(config.controller, parameters=parameters)
+    with pytest.raises(DeviceError, match=r"axis_4 at .*the law does not follow it: see to its g"):
+        run(replace(config, controller=controller), 2.0, 0, output=tmp_path / "s.mcap")
 
 
 def test_the_torque_limit_of_every_joint_holds(tmp_path):

@@ -1,5 +1,9 @@
 """The simulated arm of a URDF: its motion is right, and its bodies are not those of the file."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -105,3 +109,21 @@ def test_the_brakes_hold_an_arm_without_power():
 def test_mistakes_in_the_table_are_refused(section, said):
     with pytest.raises(ConfigError, match=said):
         open_bench({"arm": description()}, section, 2_000_000, 0)
+
+
+def test_an_arm_that_nothing_touches_needs_no_laws_of_touch():
+    """They take a third of what the first session after an installation compiles."""
+    program = (
+        "import test_joint_arm as t\n"
+        "from hil.sim_devices.joints import motion, touch\n"
+        "t.run(5)\n"
+        "assert motion.run.signatures and not touch.act.signatures\n"
+    )
+    path = str(Path(__file__).parent)
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {path!r})\n{program}"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

@@ -15,7 +15,7 @@ import hil
 from hil import consent
 from hil.cli import main
 from hil.commands import plugins
-from hil.errors import unknown
+from hil.errors import families, unknown
 from hil.models import catalogue
 from hil.record.export import write_recordings
 
@@ -179,3 +179,12 @@ def test_the_module_imports_nothing_of_the_working_directory(tmp_path):
         words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
     )
     assert ran.returncode == 2 and "x.mcap: No such file" in ran.stderr
+
+
+def test_names_that_count_up_are_one_in_a_message():
+    """A log has hundreds of columns; a message that lists each is not read."""
+    names = ["t", "q1", "i1", "q2", "i2", "q3", "i3", "x[0]", "x[2]", "x[3]", "a1b1", "a1b2"]
+    found = ["t", "q1 .. q3", "i1 .. i3", "x[0]", "x[2]", "x[3]", "a1b1", "a1b2"]
+    assert families(names) == found
+    assert families([f"a{k}b{k}" for k in range(4)]) == [f"a{k}b{k}" for k in range(4)]
+    assert families([f"j{k}.q" for k in range(1, 8)]) == ["j1.q .. j7.q"]

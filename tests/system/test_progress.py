@@ -76,3 +76,66 @@ def test_quiet_prints_the_answer_alone(tmp_path, capsys):
     assert quiet.out == loud.out
     assert main(["--quiet", "compare", "nowhere.mcap"]) == 2
     assert "nowhere.mcap" in capsys.readouterr().err
+
+
+def test_that_kernels_are_compiled_is_said_while_it_lasts(monkeypatch):
+    """A kernel that nothing has kept is compiled; a second call of it says nothing."""
+    import numba
+
+    monkeypatch.setattr(settings, "quiet", False)
+    stream = Terminal()
+
+    @numba.njit
+    def kernel(x):
+        return x + 1.0
+
+    def work():
+        progress.at("fit", 0.25)
+        stop = time.monotonic() + 30
+        while "fit" not in stream.getvalue() and time.monotonic() < stop:
+            time.sleep(0.001)
+        kernel(1.0)
+        kernel(2)  # another type: again
+        done = stream.getvalue()
+        kernel(2.0)
+        assert terminal.COMPILES in done
+
+    shown(monkeypatch, stream, work)
+    before = stream.getvalue()
+    shown(monkeypatch, stream, lambda: kernel(3.0))
+    assert terminal.COMPILES not in stream.getvalue()[len(before) :]
+
+
+def test_a_session_says_that_it_compiles_until_its_first_tick(monkeypatch, tmp_path):
+    """Kernels of a stranger's arm, compiled anew, are announced; ticks take that away again."""
+    import numba
+
+    from hil.commands import run as command
+    from hil.rig.config import load_rig
+    from hil.runtime import runner
+
+    heard, stream = [], Terminal()
+    monkeypatch.setattr("sys.stderr", stream)
+
+    def started(config, seconds, seed, clock, output, progress, *more, **rest):
+        @numba.njit
+        def kernel(x):
+            return x * 2.0
+
+        kernel(1.0)
+        heard.append(stream.getvalue())
+        progress(5)
+        heard.append(stream.getvalue())
+
+    monkeypatch.setattr(runner, "run", started)
+    words = ["run", "teleop", "-o", str(tmp_path / "s.mcap"), "--clock", "lockstep"]
+    args = _arguments(words)
+    command._with_bar(load_rig("teleop", {}), args)
+    assert terminal.COMPILES in heard[0]
+    assert terminal.COMPILES not in heard[1].rpartition("\r")[2]
+
+
+def _arguments(words):
+    from hil import cli
+
+    return cli.build_parser(words[0]).parse_args(words)
