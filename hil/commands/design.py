@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hil import outputs, registry, terminal
 from hil.commands import plugins
+from hil.controllers import cartesian
 from hil.errors import ConfigError, unknown
 from hil.report import elements as html
 from hil.report.html import written_by
@@ -293,23 +292,17 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
                 f"--{word} means nothing for {COUPLING}, which is judged as the rig file has it; "
                 "change [controller.parameters] there, or choose a law with --design"
             )
-    bare = {"leader_friction": (), "follower_friction": ()}
-    given = {**config.controller.parameters, **bare}
-    law: Any = build_controller(
-        dataclasses.replace(
-            config,
-            controller=dataclasses.replace(config.controller, parameters=given),
-            estimators={},
-        )
+    law = parse(
+        cartesian.CartesianCouplingConfig, config.controller.parameters, "controller.parameters"
     )
-    arms = [described(config.arms[arm]) for arm in config.controller.arms]
-    rotors = [
-        np.zeros(arm.d) + np.array(getattr(law.config, f"{role}_armature") or 0.0)
-        for role, arm in zip(("leader", "follower"), arms, strict=True)
-    ]
-    period = config.loop.period_ns * 1e-9
-    found = gate.coupled(law, arms, rotors, period, law.config.incision_depth)
-    trouble = "" if found.delay_s >= 0.0 else coupling_trouble(found, period)
+    arms, period = config.controller.arms, config.loop.period_ns * 1e-9
+    robots = tuple(described(config.arms[arm]) for arm in arms)
+    found = cartesian.margin(law, arms, period, robots)
+    trouble = ""
+    try:
+        gate.refuse_coupled(found, period)
+    except ConfigError as error:
+        trouble = str(error)
     if args.json:
         told = {"law": COUPLING, "refused": trouble, "coupled": dataclasses.asdict(found)}
         terminal.emit({"schema": "hil.design/1", **told})
@@ -318,15 +311,6 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
     if trouble:
         raise ConfigError(f"{args.rig}: {trouble}")
     return 0
-
-
-def coupling_trouble(found: gate.CoupledMargin, period: float) -> str:
-    """What is wrong with a law of whole arms."""
-    growth = math.log(found.radius) / period
-    return (
-        f"{COUPLING} is unstable: with {found.where}, a mode of {found.hz:.3g} Hz grows by "
-        f"{growth:.3g} /s; lower the dampings and stiffnesses, or velocity_filter, or raise rate_hz"
-    )
 
 
 def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str:
@@ -346,7 +330,7 @@ def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str
             f"  REFUSED: {trouble}"
             if trouble
             else f"  may run: no mode grows by more than {gate.DRIFT:g} /s, which friction ends",
-            "  'hil run' itself refuses only dampings that the rate and the filter cannot render",
+            "  'hil run' asks for the same, without more delay",
         ]
     )
 
