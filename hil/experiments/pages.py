@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,12 @@ def picture(page: StudyPage, found: Means) -> str:
         name: [values[k] for k in page.bars] for name, values in found.items() if page.only(name)
     }
     return bars(page.figure, [page.head[k + 1] for k in page.bars], groups)
+
+
+def made_with(name: str, report: str, seed: int, more: str = "") -> str:
+    """The command that makes a page again, its figures and its picture."""
+    first = f" --seed {seed}" if seed != 1 else ""
+    return f"hil experiment {name}{more}{first} --report {Path(report).name}"
 
 
 def text(page: StudyPage, found: Means, command: str, seeds: str, picture_name: str) -> str:

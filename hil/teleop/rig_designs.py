@@ -21,7 +21,7 @@ from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
 from hil.teleop import gate, hybrid, law_parameters, optimise, summary
-from hil.teleop.architecture import Design, RobotImpedance, Wish, named_design
+from hil.teleop.architecture import MOTION, Design, RobotImpedance, Wish, named_design
 from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import DesignProblem
 from hil.teleop.sampled_loop import SampledLoop
@@ -217,6 +217,12 @@ def designs(name: str, wishes: Mapping[str, float], arms: ArmImpedances) -> list
     return out
 
 
+def without_accelerations(design: Design) -> Design:
+    """The design without the acceleration terms of its motion gains."""
+    terms = {c: replace(getattr(design, c), a=0.0) for c in MOTION}
+    return replace(design, **terms)
+
+
 def models(paths: Mapping[str, str], rig: RigTables) -> dict[str, Any]:
     """Rigid-body parameters and effects to compensate of both arms.
 
@@ -365,8 +371,7 @@ def _design(name: str, wish: Wish, loop: SampledLoop, accelerations: bool) -> De
     own: dict[str, Any] = {"master": RobotImpedance(d.master.m), "slave": RobotImpedance(d.slave.m)}
     out = named_design(name, replace(wish, **own))
     if not accelerations:
-        terms = {c: replace(getattr(out, c), a=0.0) for c in ("c1", "c4", "c7", "c8")}
-        out = replace(out, **terms)
+        out = without_accelerations(out)
     return replace(out, name=f"transparent ({name})")
 
 

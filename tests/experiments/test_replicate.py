@@ -156,7 +156,11 @@ def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["seeds"] == [1, 2]
     told = page.read_text(encoding="utf-8")
-    for part in ("## The thesis, and here", "`hil experiment elastic-ukf --seeds 2`", "(p.svg)"):
+    for part in (
+        "## The thesis, and here",
+        "`hil experiment elastic-ukf --seeds 2 --report p.md`",
+        "(p.svg)",
+    ):
         assert part in told
     first = data["means"]["link inertia 1"][0]
     assert f"| link inertia 1 | {SeedMean(first['mean'], first['half'])} |" in told
@@ -193,7 +197,8 @@ def test_a_row_that_some_runs_lack_is_a_mean_of_the_others():
 def test_every_page_is_in_the_documentation_with_its_command(name):
     docs = Path(__file__).parents[2] / "docs" / "experiments"
     told = (docs / f"{name}.md").read_text(encoding="utf-8")
-    assert f"`hil experiment {name}" in told
+    seeds = re.search(r": (?:\d+ of )?(\d+) seeds", told)[1]
+    assert f"`hil experiment {name} --seeds {seeds} --report {name}.md`: " in told
     assert PAGES[name].thesis in told
     assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
 
