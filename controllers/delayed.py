@@ -352,7 +352,7 @@ class DelayedConfig:
     wave, smooth : float
         Impedance of the waves [N s/m], what free motion feels; time in which what has gathered
         behind lost and late packets is given out [s]; 0: as long as the channel's jitter and 20 ms
-        more, at once on a channel without delay (``"waves"``).
+        more (``"waves"``).
     level, share, fill : float
         Energy that a tank should hold [J], share of it that goes to the other side [1/s], and the
         leader's brake while less is in its tank [N s/m an J] (``"tanks"``).
@@ -449,7 +449,7 @@ def constants(config: DelayedConfig, period: float) -> Any:
     for name in numbers:
         c[name] = getattr(config, name)
     ways = config.forward, config.backward
-    if config.smooth == 0.0 and any(way != ChannelConfig() for way in ways):
+    if config.smooth == 0.0:  # a tick is a delay: waves that are given out at once ring
         c["smooth"] = max(way.jitter for way in ways) + GATHERED
     c["scheme"], c["scale"] = SCHEMES.index(config.scheme), config.force_scale
     c["period"], c["lengths"] = period, config.lengths

@@ -197,6 +197,63 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
     return "\n".join([*parts, "</svg>", ""])
 
 
+#: Of lines, beside each other (Okabe & Ito, with grey).
+_STROKES = (
+    "#888888", "#000000", "#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7",
+)  # fmt: skip
+
+
+def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float]]) -> str:
+    """Line chart as SVG; a line has a gap where there is no number, and is cut off below 0.
+
+    Parameters
+    ----------
+    title : str
+        What is shown, with its unit.
+    places : sequence of str
+        Names along the axis.
+    series : mapping of str to sequence of float
+        A value at each place, by the name of the line.
+    """
+    tops = [v for values in series.values() for v in values if v == v]
+    most = max(tops, default=1.0) * 1.05 or 1.0
+    step = (_WIDE - _LEFT - 20) / len(places)
+    below = _HIGH + 40
+    rows = -(-len(series) // 2)
+    high = below + 24 + 20 * rows
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {high}" '
+        'font-family="sans-serif" font-size="13">',
+        f'<path d="M0 0H{_WIDE}V{high}H0z" fill="#fff"/>',
+        f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
+        *_grid(most),
+    ]
+    for k, place in enumerate(places):
+        x = _LEFT + step * (k + 0.5)
+        parts.append(
+            f'<text x="{x:.1f}" y="{_HIGH + 20}" text-anchor="middle">{_safe(place)}</text>'
+        )
+    for k, (name, values) in enumerate(series.items()):
+        colour = _STROKES[k % len(_STROKES)]
+        run: list[str] = []
+        for i, value in enumerate([*values, float("nan")]):
+            if value == value:
+                y = _HIGH - (_HIGH - _TOP) * max(value, 0.0) / most
+                run.append(f"{_LEFT + step * (i + 0.5):.1f},{y:.1f}")
+                spot = run[-1].partition(",")
+                parts.append(f'<circle cx="{spot[0]}" cy="{spot[2]}" r="4" fill="{colour}"/>')
+            elif run:
+                parts.append(
+                    f'<polyline points="{" ".join(run)}" fill="none" stroke="{colour}" '
+                    'stroke-width="2"/>'
+                )
+                run = []
+        x, y = _LEFT + (k % 2) * (_WIDE - _LEFT) / 2, below + 20 * (k // 2)
+        parts.append(f'<rect x="{x:.0f}" y="{y}" width="14" height="14" fill="{colour}"/>')
+        parts.append(f'<text x="{x + 20:.0f}" y="{y + 12}">{_safe(name)}</text>')
+    return "\n".join([*parts, "</svg>", ""])
+
+
 def _grid(most: float) -> list[str]:
     steps = [d * 10.0**k for k in range(-6, 7) for d in (1, 2, 5)]
     tick = next(x for x in steps if most / x <= 6)
