@@ -509,10 +509,15 @@ FIGURES: tuple[tuple[str, str, Callable[[DelayRow], float]], ...] = (
 
 
 def figures(rows: Sequence[DelayRow]) -> dict[str, str]:
-    """Figures as SVG by name: every law over the channels; a gap where it was refused or ended."""
-    links = list(dict.fromkeys(r.link for r in rows))
+    """Figures as SVG by name: every law over the channels; a gap where it was refused or ended.
+
+    A channel that is more than a delay stands apart.
+    """
+    even = {r.link: "," not in r.link for r in rows}
+    links = [x for x in even if even[x]]
+    links += [x for name in even if not even[name] for x in ("", name)]
     laws = list(dict.fromkeys(r.law for r in rows))
-    by = {(r.law, r.link): r for r in rows}
+    by = {(r.law, r.link): r for r in rows} | {(law, ""): DelayRow(law, "") for law in laws}
     return {
         name: lines(title, links, {law: [value(by[law, x]) for x in links] for law in laws})
         for name, title, value in FIGURES

@@ -172,8 +172,7 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
     tops = [s.mean + (s.half if s.half == s.half else 0.0) for g in groups.values() for s in g]
     most = max([t for t in tops if t == t], default=1.0) * 1.05 or 1.0
     step = (_WIDE - _LEFT - 20) / len(groups)
-    names = {name: _wrapped(name, step) for name in groups}
-    below = _HIGH + 20 + _LINE * max(map(len, names.values()))
+    below, under = _labels(list(groups), step)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {below + 40}" '
         'font-family="sans-serif" font-size="13">',
@@ -181,13 +180,11 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
         f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
         *_grid(most),
     ]
-    for i, (name, values) in enumerate(groups.items()):
+    for i, values in enumerate(groups.values()):
         w = (step - 24) / len(series)
         for k, s in enumerate(values):
             parts += _bar(_LEFT + step * i + 12 + k * w, w - 4, s, most, COLOURS[k % len(COLOURS)])
-        for k, line in enumerate(names[name]):
-            x, y = _LEFT + step * (i + 0.5), _HIGH + 20 + _LINE * k
-            parts.append(f'<text x="{x:.1f}" y="{y}" text-anchor="middle">{_safe(line)}</text>')
+    parts += under
     x = float(_LEFT)
     for k, name in enumerate(series):
         colour = COLOURS[k % len(COLOURS)]
@@ -218,7 +215,7 @@ def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float
     tops = [v for values in series.values() for v in values if v == v]
     most = max(tops, default=1.0) * 1.05 or 1.0
     step = (_WIDE - _LEFT - 20) / len(places)
-    below = _HIGH + 40
+    below, under = _labels(places, step)
     rows = -(-len(series) // 2)
     high = below + 24 + 20 * rows
     parts = [
@@ -227,12 +224,8 @@ def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float
         f'<path d="M0 0H{_WIDE}V{high}H0z" fill="#fff"/>',
         f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
         *_grid(most),
+        *under,
     ]
-    for k, place in enumerate(places):
-        x = _LEFT + step * (k + 0.5)
-        parts.append(
-            f'<text x="{x:.1f}" y="{_HIGH + 20}" text-anchor="middle">{_safe(place)}</text>'
-        )
     for k, (name, values) in enumerate(series.items()):
         colour = _STROKES[k % len(_STROKES)]
         run: list[str] = []
@@ -248,7 +241,7 @@ def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float
                     'stroke-width="2"/>'
                 )
                 run = []
-        x, y = _LEFT + (k % 2) * (_WIDE - _LEFT) / 2, below + 20 * (k // 2)
+        x, y = _LEFT + (k % 2) * (_WIDE - _LEFT) / 2, below + 8 + 20 * (k // 2)
         parts.append(f'<rect x="{x:.0f}" y="{y}" width="14" height="14" fill="{colour}"/>')
         parts.append(f'<text x="{x + 20:.0f}" y="{y + 12}">{_safe(name)}</text>')
     return "\n".join([*parts, "</svg>", ""])
@@ -284,12 +277,35 @@ def _bar(x: float, wide: float, s: SeedMean, most: float, colour: str) -> list[s
     return out
 
 
+#: Width of a letter, about.
+_LETTER = 7.0
+
+
+def _labels(names: Sequence[str], step: float) -> tuple[int, list[str]]:
+    """Lowest line below the names of groups, and their texts; aslant where words do not fit."""
+    middle = [_LEFT + step * (k + 0.5) for k in range(len(names))]
+    if any(_LETTER * len(word) > step for name in names for word in name.split()):
+        slant = [
+            f'<text transform="translate({x + 5:.1f} {_HIGH + 16}) rotate(-35)" '
+            f'text-anchor="end">{_safe(name)}</text>'
+            for x, name in zip(middle, names, strict=True)
+        ]
+        return _HIGH + 30 + round(0.55 * _LETTER * max(map(len, names))), slant
+    rows = [_wrapped(name, step) for name in names]
+    told = [
+        f'<text x="{x:.1f}" y="{_HIGH + 20 + _LINE * k}" text-anchor="middle">{_safe(line)}</text>'
+        for x, row in zip(middle, rows, strict=True)
+        for k, line in enumerate(row)
+    ]
+    return _HIGH + 20 + _LINE * max(map(len, rows)), told
+
+
 def _wrapped(name: str, step: float) -> list[str]:
     """A name in lines that fit its group."""
     lines = [""]
     for word in name.split():
         longer = f"{lines[-1]} {word}".strip()
-        if len(longer) * 7.0 > step and lines[-1]:
+        if len(longer) * _LETTER > step and lines[-1]:
             lines.append(word)
         else:
             lines[-1] = longer
