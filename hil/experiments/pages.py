@@ -286,11 +286,11 @@ def _labels(names: Sequence[str], step: float) -> tuple[int, list[str]]:
     middle = [_LEFT + step * (k + 0.5) for k in range(len(names))]
     if any(_LETTER * len(word) > step for name in names for word in name.split()):
         slant = [
-            f'<text transform="translate({x + 5:.1f} {_HIGH + 16}) rotate(-35)" '
+            f'<text transform="translate({x + 5:.1f} {_HIGH + 16}) rotate(-50)" '
             f'text-anchor="end">{_safe(name)}</text>'
             for x, name in zip(middle, names, strict=True)
         ]
-        return _HIGH + 30 + round(0.55 * _LETTER * max(map(len, names))), slant
+        return _HIGH + 30 + round(0.77 * _LETTER * max(map(len, names))), slant
     rows = [_wrapped(name, step) for name in names]
     told = [
         f'<text x="{x:.1f}" y="{_HIGH + 20 + _LINE * k}" text-anchor="middle">{_safe(line)}</text>'
