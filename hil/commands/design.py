@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import outputs, registry, terminal
-from hil.commands import plugins
+from hil.commands import design_delayed, plugins
 from hil.controllers import cartesian
 from hil.errors import ConfigError, unknown
 from hil.report import elements as html
@@ -201,8 +201,8 @@ EXAMPLE = (
     "  hil run own.toml -o s.mcap"
 )
 REPORT = "design"
-#: Designs that are made by name, and those that are searched for.
-CHOICES = (*architecture.DESIGNS, "transparent", "optimised")
+#: Designs that are made by name, those that are searched for, and laws over a delay.
+CHOICES = (*architecture.DESIGNS, "transparent", "optimised", *design_delayed.SCHEMES)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -211,8 +211,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--design",
         choices=CHOICES,
-        help="named design; transparent and optimised are searched for; default: the controller of "
-        "the rig file",
+        help="named design; transparent and optimised are searched for; "
+        f"{', '.join(design_delayed.SCHEMES)} are laws over a channel with delay; default: the "
+        "controller of the rig file",
     )
     parser.add_argument(
         "--set",
@@ -221,7 +222,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
-        f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1",
+        f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1; of a law "
+        f"over a delay: {', '.join((*design_delayed.NUMBERS, *design_delayed.CHANNELS))}",
     )
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -249,6 +251,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if config.controller.name == COUPLING and args.design is None:
         return _judge_coupling(args, config)
+    over_delay = args.design in design_delayed.SCHEMES
     for arm in config.controller.arms:
         if len(config.arms[arm].joints) != 3:
             raise ConfigError(
@@ -256,6 +259,9 @@ def run(args: argparse.Namespace) -> int:
                 f"c1..c8 are of arms of three. {COUPLING}, of two arms of six or more, is judged "
                 "as the rig file has it, without --design"
             )
+    if over_delay or (args.design is None and config.controller.name == design_delayed.LAW):
+        names = (*design_delayed.NUMBERS, *design_delayed.CHANNELS)
+        return design_delayed.judge(args, config, rig_designs.settings(args.set, names))
     settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config

@@ -287,7 +287,8 @@ def _refusal(loop: SampledLoop, period: float) -> str:
         return ""
     return (
         f"{least.text}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
-        f"{1e3 * least.delay_s:.3g} ms; shorten the delay, or lower c2, c4 and the stiffness"
+        f"{1e3 * least.delay_s:.3g} ms; shorten the delay, lower c2, c4 and the stiffness, or take "
+        "a law that bears any delay: 'hil design RIG.toml --design passivity', waves, tanks, model"
     )
 
 

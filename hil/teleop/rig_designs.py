@@ -89,8 +89,10 @@ class ArmImpedances:
         return ArmImpedances(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
 
 
-def settings(words: Sequence[str]) -> dict[str, Any]:
+def settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
     """Values of KEY=VALUE words; channels as DELAY[,JITTER[,LOSS]] in seconds.
+
+    `names` are the keys, without any those of a design with c1..c8.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def settings(words: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for word in words:
         key, _, text = word.partition("=")
-        if key not in (known := (*WISHES, *REAL, *TASK, *SEARCH)):
+        if key not in (known := tuple(names) or (*WISHES, *REAL, *TASK, *SEARCH)):
             raise ConfigError("--set: " + unknown("key", key, known))
         out[key] = text if key in ("shape", "forces") else _value(key, text)
     return out
@@ -187,13 +189,21 @@ def transparent(
     for kind in (True, False):
         try:
             found.append(most_transparent(loops, period, kind, fixed))
-        except ConfigError as error:
-            failed = error
+        except ConfigError:
+            continue
     if not found:
-        raise failed
+        raise ConfigError(
+            "no transparent design, with or without acceleration terms, runs on these arms with "
+            f"these delays; {_WITHOUT_DELAY}"
+        )
     return min(found, key=lambda f: f.error)
 
 
+#: What to do where no transparent design runs.
+_WITHOUT_DELAY = (
+    "shorter delays, --design optimised, or a law that bears any delay: --design passivity, waves, "
+    "tanks, model"
+)
 #: Bounds that suit the arms' cables: k up to 150 N/m with b up to 1.5 N s/m.
 _ON_THE_RIG = {"stiffness": 150.0, "corner": 100.0, "contact": 0.75, "kappa": 1.5}
 
@@ -333,8 +343,7 @@ def most_transparent(
     kind = "with" if accelerations else "without"
     raise ConfigError(
         f"none of {len(ranked)} transparent designs {kind} acceleration terms runs on these arms "
-        f"with these delays; use --set accelerations={int(not accelerations)}, shorter delays, or "
-        "--design optimised"
+        f"with these delays; use --set accelerations={int(not accelerations)}, or {_WITHOUT_DELAY}"
     )
 
 
