@@ -304,8 +304,8 @@ def _page_read(found: Means) -> list[str]:
     )  # fmt: skip
     low = found["benchmark (position error)"]
     return [
-        "Thesis: 0.285 with force sensors (SO), 0.202 without (SOFSF); its optimised figure, 0.211, "
-        "lies 26 % below the first and 4 % above the second. Here SO measures "
+        "Thesis: 0.285 with force sensors (SO), 0.202 without (SOFSF); its optimised figure, "
+        "0.211, lies 26 % below the first and 4 % above the second. Here SO measures "
         f"{best[0].mean:.3f}. Our optimised figure, an rms from 0.2 to 5 Hz, is {best[2].mean:.3f} "
         "and no prediction of a press on this gel; the sampled loop on the gel predicts "
         f"{best[1].mean:.3f}, {100 * abs(best[0].mean / best[1].mean - 1):.0f} % from what is "
