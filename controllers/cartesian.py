@@ -762,6 +762,6 @@ def _room(d: int) -> np.dtype[Any]:
     return np.dtype([(name, f, shape) for name, shape in shapes.items()])
 
 
-CARTESIAN_COUPLING = Law(CartesianCouplingConfig, CartesianCoupling)
+CARTESIAN_COUPLING = Law(CartesianCouplingConfig, CartesianCoupling, margin=margin)
 
 __all__ = ["CARTESIAN_COUPLING", "CartesianCoupling", "CartesianCouplingConfig", "margin"]

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 
 import pytest
 
 from hil.cli import main
-from hil.commands import design_delayed
-from hil.controllers.delayed import SCHEMES
+from hil.commands import design
+from hil.controllers.delayed import SCHEMES, DelayedConfig
 from hil.rig.config import load_rig
 
 
 def test_every_scheme_can_be_chosen_and_says_its_cost():
-    assert set(design_delayed.SCHEMES) == set(SCHEMES)
+    assert set(design.SCHEMES) == set(SCHEMES)
+    known = {f.name for f in fields(DelayedConfig) if isinstance(f.default, (int, float))}
+    assert set(design.NUMBERS) == known | {"forward", "backward"}
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
