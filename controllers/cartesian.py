@@ -28,7 +28,8 @@ Every force and torque has its bound.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from math import atan2, cos, sin, sqrt, tanh
 from typing import Any
 
@@ -42,6 +43,7 @@ from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.signals.device import FloatArray
 from hil.signals.settable import ArmDescription, SettableRange
+from hil.teleop import gate
 
 #: Parameters with an entry a joint.
 _JOINTS = ("leader_armature", "follower_armature", "leader_friction", "follower_friction")
@@ -623,6 +625,13 @@ class CartesianCoupling:
         Of the loop [s].
     robots : tuple of ArmDescription
         What the arms are.
+    judged : bool
+        Whether it is refused where it is unstable over the set of `hil.teleop.gate`.
+
+    Raises
+    ------
+    ConfigError
+        If the law must not run.
     """
 
     def __init__(
@@ -631,6 +640,7 @@ class CartesianCoupling:
         arms: tuple[str, ...],
         period: float,
         robots: tuple[ArmDescription, ...],
+        judged: bool = True,
     ) -> None:
         if len(arms) != 2:
             raise ConfigError(f"cartesian-coupling ties two arms to each other, not {len(arms)}.")
@@ -638,6 +648,8 @@ class CartesianCoupling:
         rotors = [each(getattr(config, name), d, name) for name in _JOINTS[:2]]
         tips = [_Tip(robot, own) for robot, own in zip(robots, rotors, strict=True)]
         _bear(config, arms, tips, config.velocity_filter + 1.5 * period)
+        if judged:
+            gate.refuse_coupled(margin(config, arms, period, robots, gate.LATE), period)
         self._arms = (tips[0].known, tips[1].known)
         known, room = np.zeros(1, _P), np.zeros(1, _room(d))
         for name in _NAMES:
@@ -701,6 +713,43 @@ def _bear(
             )
 
 
+def margin(
+    config: CartesianCouplingConfig,
+    arms: tuple[str, ...],
+    period: float,
+    robots: tuple[ArmDescription, ...],
+    latest: float = gate.LATEST,
+) -> gate.CoupledMargin:
+    """How the law stands over the set of `hil.teleop.gate.coupled`.
+
+    Parameters
+    ----------
+    config, arms, period, robots
+        As of `CartesianCoupling`.
+    latest : float
+        Longest delay that is tried [ticks].
+    """
+    return _margin(replace(config, **_BARE), arms, period, robots, latest)
+
+
+#: Friction that is fed forward counts neither way: the arms are judged without any.
+_BARE: dict[str, Any] = {"leader_friction": (), "follower_friction": ()}
+
+
+@lru_cache(maxsize=16)
+def _margin(
+    config: CartesianCouplingConfig,
+    arms: tuple[str, ...],
+    period: float,
+    robots: tuple[ArmDescription, ...],
+    latest: float,
+) -> gate.CoupledMargin:
+    """As `margin`, for a law that feeds no friction forward."""
+    law, d = CartesianCoupling(config, arms, period, robots, judged=False), robots[0].d
+    rotors = [each(getattr(config, name), d, name) for name in _JOINTS[:2]]
+    return gate.coupled(law, robots, rotors, period, config.incision_depth, latest)
+
+
 def _room(d: int) -> np.dtype[Any]:
     """Scratch of `law` for two arms of d joints, and what of them is known."""
     f = np.float64
@@ -713,6 +762,6 @@ def _room(d: int) -> np.dtype[Any]:
     return np.dtype([(name, f, shape) for name, shape in shapes.items()])
 
 
-CARTESIAN_COUPLING = Law(CartesianCouplingConfig, CartesianCoupling)
+CARTESIAN_COUPLING = Law(CartesianCouplingConfig, CartesianCoupling, margin=margin)
 
-__all__ = ["CARTESIAN_COUPLING", "CartesianCoupling", "CartesianCouplingConfig"]
+__all__ = ["CARTESIAN_COUPLING", "CartesianCoupling", "CartesianCouplingConfig", "margin"]

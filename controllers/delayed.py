@@ -352,7 +352,7 @@ class DelayedConfig:
     wave, smooth : float
         Impedance of the waves [N s/m], what free motion feels; time in which what has gathered
         behind lost and late packets is given out [s]; 0: as long as the channel's jitter and 20 ms
-        more, at once on a channel without delay (``"waves"``).
+        more (``"waves"``).
     level, share, fill : float
         Energy that a tank should hold [J], share of it that goes to the other side [1/s], and the
         leader's brake while less is in its tank [N s/m an J] (``"tanks"``).
@@ -449,7 +449,7 @@ def constants(config: DelayedConfig, period: float) -> Any:
     for name in numbers:
         c[name] = getattr(config, name)
     ways = config.forward, config.backward
-    if config.smooth == 0.0 and any(way != ChannelConfig() for way in ways):
+    if config.smooth == 0.0:  # a tick is a delay: waves that are given out at once ring
         c["smooth"] = max(way.jitter for way in ways) + GATHERED
     c["scheme"], c["scale"] = SCHEMES.index(config.scheme), config.force_scale
     c["period"], c["lengths"] = period, config.lengths
@@ -475,6 +475,33 @@ _NAMES = (
 ).split()
 
 
+#: What a drive's encoder sees at once: the rotor before its cable [kg], 10.3 g cm^2 behind gears of
+#: 11 to 13 at 0.2 m.
+ROTOR = 0.0035
+
+
+def borne(period: float) -> float:
+    """K T + 2 B that a sampled spring and damper on the rotor may ask for [N s/m].
+
+    K T + 2 B < 2 m / T (Colgate & Schenkel 1997).
+    """
+    return 2.0 * ROTOR / period
+
+
+def asked(config: DelayedConfig, period: float) -> dict[str, float]:
+    """K T + 2 B [N s/m] of every spring and damper that the law renders, by what sets it."""
+    waves, model = config.scheme == "waves", config.scheme == "model"
+    rows = [
+        ("stiffness and damping", config.stiffness, config.damping),
+        ("wave, the leader's damper,", 0.0, config.wave if waves else 0.0),
+        ("fill level, the leader's brake,", 0.0, config.fill * config.level),
+        ("stiffest and brake", *((config.stiffest, config.brake) if model else (0.0, 0.0))),
+        ("wall.stiffness and wall.damping", config.wall.stiffness, config.wall.damping),
+        *((f"fixture {f.kind}", f.stiffness, f.damping) for f in config.fixtures),
+    ]
+    return {what: k * period + 2.0 * b for what, k, b in rows if k or b}
+
+
 class Delayed:
     """The law with its parameters; see `law`.
 
@@ -498,26 +525,14 @@ class Delayed:
         "start",
         *(f"{arm}_{axis}_{n}" for arm in ("leader", "follower") for axis in AXES for n in _NAMES),
     )
-    #: What a drive's encoder sees at once: the rotor before its cable [kg], 10.3 g cm^2 behind
-    #: gears of 11 to 13 at 0.2 m.
-    ROTOR = 0.0035
-
     def __init__(self, config: DelayedConfig, arms: tuple[str, ...], period: float) -> None:
         if len(arms) != 2:
             raise ConfigError(f"delayed needs leader and follower, not {len(arms)} arms.")
-        # a sampled spring and damper on a mass: K T + 2 B < 2 m / T (Colgate & Schenkel 1997)
-        most, model = 2.0 * self.ROTOR / period, config.scheme == "model"
-        for what, k, b in (
-            ("stiffness and damping", config.stiffness, config.damping),
-            ("wave, the leader's damper,", 0.0, config.wave if config.scheme == "waves" else 0.0),
-            ("fill level, the leader's brake,", 0.0, config.fill * config.level),
-            ("stiffest and brake", *((config.stiffest, config.brake) if model else (0.0, 0.0))),
-            ("wall.stiffness and wall.damping", config.wall.stiffness, config.wall.damping),
-            *((f"fixture {f.kind}", f.stiffness, f.damping) for f in config.fixtures),
-        ):
-            if k * period + 2.0 * b >= most:
+        most = borne(period)
+        for what, value in asked(config, period).items():
+            if value >= most:
                 raise ConfigError(
-                    f"delayed: {what} ask for K T + 2 B = {k * period + 2.0 * b:.3g} N s/m at a "
+                    f"delayed: {what} ask for K T + 2 B = {value:.3g} N s/m at a "
                     f"period of {1e3 * period:g} ms; below {most:g} N s/m is needed, or a shorter "
                     "period"
                 )

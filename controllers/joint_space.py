@@ -420,11 +420,14 @@ def facing(a: int, x: Any, u: Any, d: int, goal: Any) -> None:
 
 @dataclass(frozen=True)
 class Law:
-    """What the registry finds: parameters, how the law is built, and that it takes any arm."""
+    """What the registry finds: parameters, how the law is built, that it takes any arm, and how it
+    is judged where it can be.
+    """
 
     Config: Any
     build: Any
     ANY_JOINTS: bool = True
+    margin: Any = None
 
 
 JOINT_PD = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))

@@ -29,6 +29,7 @@ from hil import terminal
 from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError, HilError
+from hil.experiments.pages import lines
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, RigConfig, load_rig
@@ -40,6 +41,7 @@ from hil.teleop.gate import GROWTH
 from hil.teleop.sampled_loop import SampledLoop, dominant_mode
 from hil.terminal import Found
 from hil.toml import parse
+from hil.userfile import write_text
 
 FloatArray = NDArray[np.float64]
 HZ, SETTLE, PERIODS, PERIOD = 1.0, 3.0, 3, 1e-3
@@ -499,8 +501,31 @@ def wall_cells(rows: list[WallRow]) -> list[list[str]]:
     ]
 
 
-def page(found: TeleopStudy, command: str) -> str:
-    """Page for the documentation."""
+#: What the figures show of every law over every channel: name of the file, title, value.
+FIGURES: tuple[tuple[str, str, Callable[[DelayRow], float]], ...] = (
+    ("stiffness", "Share of the gel's stiffness that is felt", lambda r: r.share),
+    ("drag", "Drag in free motion at 1 Hz [N s/m]", lambda r: r.drag),
+)
+
+
+def figures(rows: Sequence[DelayRow]) -> dict[str, str]:
+    """Figures as SVG by name: every law over the channels; a gap where it was refused or ended.
+
+    A channel that is more than a delay stands apart.
+    """
+    even = {r.link: "," not in r.link for r in rows}
+    links = [x for x in even if even[x]]
+    links += [x for name in even if not even[name] for x in ("", name)]
+    laws = list(dict.fromkeys(r.law for r in rows))
+    by = {(r.law, r.link): r for r in rows} | {(law, ""): DelayRow(law, "") for law in laws}
+    return {
+        name: lines(title, links, {law: [value(by[law, x]) for x in links] for law in laws})
+        for name, title, value in FIGURES
+    }
+
+
+def page(found: TeleopStudy, command: str, stem: str = "teleop") -> str:
+    """Page for the documentation; its figures are beside it under names that begin with `stem`."""
 
     def table(head: tuple[str, ...], body: list[list[str]]) -> list[str]:
         return [
@@ -521,6 +546,9 @@ def page(found: TeleopStudy, command: str) -> str:
             "first law has no protection",
             "against delay: where it would be unstable, the check in front of the motors refuses "
             "it.",
+            "",
+            *(f"![{title}]({stem}-{name}.svg)\n" for name, title, _ in FIGURES),
+            "In the figures a line ends where a law is refused; a share below 0 is drawn as 0.",
             "",
             *table(HEAD, cells(found.laws)),
             "",
@@ -564,7 +592,12 @@ def command(args: argparse.Namespace) -> Found:
     with tqdm(total=total, unit="row", disable=not sys.stderr.isatty()) as bar:
         found = study(quick=args.quick, report=bar.update)
     command = "hil bench teleop" + " --quick" * args.quick
-    terminal.write_page(args.report, page(found, command))
+    if args.report:
+        place = Path(args.report)
+        told = f"{command} --report {place.name}"
+        terminal.write_page(args.report, page(found, told, place.stem))
+        for name, figure in figures(found.laws).items():
+            write_text(place.with_name(f"{place.stem}-{name}.svg"), figure)
     tables = (
         (HEAD, cells(found.laws)),
         (WALL_HEAD, wall_cells(found.walls)),

@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hil import outputs, registry, terminal
 from hil.commands import plugins
 from hil.errors import ConfigError, unknown
@@ -202,8 +200,38 @@ EXAMPLE = (
     "  hil run own.toml -o s.mcap"
 )
 REPORT = "design"
-#: Designs that are made by name, and those that are searched for.
-CHOICES = (*architecture.DESIGNS, "transparent", "optimised")
+#: The law, its schemes by what `--design` calls them, and what each of them costs.
+DELAYED = "delayed"
+SCHEMES: Mapping[str, str] = {
+    "passivity": "about half of the stiffness at 30 ms; less with every further millisecond",
+    "waves": "soft beyond 10 ms: the stiffness felt is about `wave` over the delay",
+    "tanks": "as passivity, with more drag; little stiffness is left at 300 ms",
+    "model": "nothing while the environment stands still; a new contact is felt a round trip late",
+}
+#: What --set takes of it: its numbers and its channels.
+NUMBERS = (
+    "stiffness",
+    "damping",
+    "force_scale",
+    "leader_damping",
+    "seed",
+    "reserve",
+    "wave",
+    "smooth",
+    "level",
+    "share",
+    "fill",
+    "touch",
+    "forget",
+    "expected",
+    "blend",
+    "stiffest",
+    "brake",
+    "forward",
+    "backward",
+)
+#: Designs that are made by name, those that are searched for, and laws over a delay.
+CHOICES = (*architecture.DESIGNS, "transparent", "optimised", *SCHEMES)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -212,8 +240,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--design",
         choices=CHOICES,
-        help="named design; transparent and optimised are searched for; default: the controller of "
-        "the rig file",
+        help="named design; transparent and optimised are searched for; "
+        f"{', '.join(SCHEMES)} are laws over a channel with delay; default: the "
+        "controller of the rig file",
     )
     parser.add_argument(
         "--set",
@@ -222,7 +251,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
-        f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1",
+        f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1; of a law "
+        f"over a delay: {', '.join(NUMBERS)}",
     )
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -250,6 +280,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if config.controller.name == COUPLING and args.design is None:
         return _judge_coupling(args, config)
+    over_delay = args.design in SCHEMES
     for arm in config.controller.arms:
         if len(config.arms[arm].joints) != 3:
             raise ConfigError(
@@ -257,6 +288,8 @@ def run(args: argparse.Namespace) -> int:
                 f"c1..c8 are of arms of three. {COUPLING}, of two arms of six or more, is judged "
                 "as the rig file has it, without --design"
             )
+    if over_delay or (args.design is None and config.controller.name == DELAYED):
+        return _judge_delayed(args, config, rig_designs.settings(args.set, NUMBERS))
     settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
@@ -293,23 +326,16 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
                 f"--{word} means nothing for {COUPLING}, which is judged as the rig file has it; "
                 "change [controller.parameters] there, or choose a law with --design"
             )
-    bare = {"leader_friction": (), "follower_friction": ()}
-    given = {**config.controller.parameters, **bare}
-    law: Any = build_controller(
-        dataclasses.replace(
-            config,
-            controller=dataclasses.replace(config.controller, parameters=given),
-            estimators={},
-        )
-    )
-    arms = [described(config.arms[arm]) for arm in config.controller.arms]
-    rotors = [
-        np.zeros(arm.d) + np.array(getattr(law.config, f"{role}_armature") or 0.0)
-        for role, arm in zip(("leader", "follower"), arms, strict=True)
-    ]
-    period = config.loop.period_ns * 1e-9
-    found = gate.coupled(law, arms, rotors, period, law.config.incision_depth)
-    trouble = "" if found.delay_s >= 0.0 else coupling_trouble(found, period)
+    known = registry.load("hil.controllers", COUPLING)
+    law = parse(known.Config, config.controller.parameters, "controller.parameters")
+    arms, period = config.controller.arms, config.loop.period_ns * 1e-9
+    robots = tuple(described(config.arms[arm]) for arm in arms)
+    found = known.margin(law, arms, period, robots)
+    trouble = ""
+    try:
+        gate.refuse_coupled(found, period)
+    except ConfigError as error:
+        trouble = str(error)
     if args.json:
         told = {"law": COUPLING, "refused": trouble, "coupled": dataclasses.asdict(found)}
         terminal.emit({"schema": "hil.design/1", **told})
@@ -318,15 +344,6 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
     if trouble:
         raise ConfigError(f"{args.rig}: {trouble}")
     return 0
-
-
-def coupling_trouble(found: gate.CoupledMargin, period: float) -> str:
-    """What is wrong with a law of whole arms."""
-    growth = math.log(found.radius) / period
-    return (
-        f"{COUPLING} is unstable: with {found.where}, a mode of {found.hz:.3g} Hz grows by "
-        f"{growth:.3g} /s; lower the dampings and stiffnesses, or velocity_filter, or raise rate_hz"
-    )
 
 
 def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str:
@@ -346,7 +363,78 @@ def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str
             f"  REFUSED: {trouble}"
             if trouble
             else f"  may run: no mode grows by more than {gate.DRIFT:g} /s, which friction ends",
-            "  'hil run' itself refuses only dampings that the rate and the filter cannot render",
+            "  'hil run' asks for the same, without more delay",
+        ]
+    )
+
+
+_CHANNEL = (
+    "  delay          the channel gives out no more energy than was put in, whatever its",
+    "                 delay, jitter and loss: no margin is looked for",
+)
+_MODEL = (
+    "  delay          the leader touches a model of the environment, and no force goes through the",
+    "                 channel: no margin is looked for",
+)
+
+
+def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mapping[str, Any]) -> int:
+    """Make the law, judge it as `hil run` does, print it, and write the rig file."""
+    for word in ("fsf", "model", "report"):
+        if getattr(args, word):
+            raise ConfigError(
+                f"--{word} means nothing for the law {DELAYED}, which has no c1..c8 and no fitted "
+                "model; leave it out, or choose a design with c1..c8"
+            )
+    delayed = registry.load("hil.controllers", DELAYED)
+    own = config.controller.name == DELAYED
+    given: dict[str, Any] = session.plain(config.controller.parameters) if own else {}
+    given |= {"scheme": args.design} if args.design else {}
+    given |= {k: int(v) if k == "seed" else v for k, v in settings.items()}
+    controller = dataclasses.replace(config.controller, name=DELAYED, parameters=given)
+    made = dataclasses.replace(config, controller=controller)
+    law = parse(delayed.Config, given, "controller.parameters")
+    trouble = ""
+    try:
+        build_controller(made)
+    except ConfigError as error:
+        trouble = str(error)
+    period = config.loop.period_ns * 1e-9
+    if args.json:
+        told: dict[str, Any] = {"law": DELAYED, "scheme": law.scheme, "parameters": given}
+        told |= {"refused": trouble, "borne": delayed.borne(period)}
+        terminal.emit({"schema": "hil.design/1", **told, "asked": delayed.asked(law, period)})
+    else:
+        terminal.out(delayed_text(law, delayed.asked(law, period), delayed.borne(period), trouble))
+    if trouble:
+        raise ConfigError(f"{args.output or 'this design'} is refused: {trouble}")
+    if args.output:
+        with outputs.writing(args.output):
+            write_text(args.output, session.to_toml(session.plain(made)))
+        if not args.json:
+            terminal.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
+    return 0
+
+
+def delayed_text(law: Any, asked: Mapping[str, float], most: float, trouble: str) -> str:
+    """The law over a channel with delay, for a terminal."""
+    ways = [
+        f"{what} {1e3 * way.delay:g} ms, jitter {1e3 * way.jitter:g} ms, {100 * way.loss:g} % lost"
+        for what, way in (("there", law.forward), ("back", law.backward))
+    ]
+    rows = [[what, f"{value:.3g}"] for what, value in asked.items()]
+    verdict = f"REFUSED: {trouble}" if trouble else "may run: every part is below it"
+    return "\n".join(
+        [
+            f"law {DELAYED}, scheme {law.scheme}; {'; '.join(ways)}",
+            "",
+            terminal.table(["spring and damper", "K T + 2 B [N s/m]"], rows),
+            f"  each must be below {most:.3g} N s/m: more, a rotor before its cable does not bear",
+            "",
+            *(_MODEL if law.scheme == "model" else _CHANNEL),
+            f"  what it costs  {SCHEMES[law.scheme]}",
+            "                 drag and stiffness of all schemes over delay: 'hil bench teleop'",
+            f"  {verdict}",
         ]
     )
 

@@ -20,7 +20,7 @@ from hil import terminal
 from hil.commands import common
 from hil.commands.common import NamedFunction
 from hil.errors import ConfigError, DataError, plural
-from hil.experiments.pages import StudyPage, cells, means, picture
+from hil.experiments.pages import StudyPage, cells, made_with, means, picture
 from hil.experiments.pages import text as page_text
 from hil.experiments.replicate import FAILED, made_by, replicate, where
 from hil.terminal import Found, silent
@@ -147,7 +147,7 @@ def _replicated(args: argparse.Namespace, page: StudyPage, many: int) -> Found:
     found = means(page, good)
     if args.report:
         place = Path(args.report).with_suffix(".svg")
-        command = f"hil experiment {args.name}" + (f" --seeds {many}" if many != _SEEDS else "")
+        command = made_with(args.name, args.report, args.seed, f" --seeds {many}")
         terminal.write_page(args.report, page_text(page, found, command, told, place.name))
         if figure := picture(page, found):
             write_text(place, figure)

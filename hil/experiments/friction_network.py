@@ -158,6 +158,11 @@ def _page_read(found: Means) -> list[str]:
         "has learnt the path, not the friction."
     )
     out.append(
+        "The thesis' 30.5 points are not reached, and cannot be: in training, Coulomb and viscous "
+        f"friction leave {base[0].mean:.0f} % here. On the thesis' Omni they must have left more "
+        "than 30.5 %."
+    )
+    out.append(
         "The cure is the backbone: a network beside Coulomb and viscous friction has only their "
         "rest to learn, and extrapolates as they do."
     )

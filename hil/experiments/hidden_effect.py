@@ -33,7 +33,7 @@ from hil.errors import ConfigError, DataError, DeviceError, plural
 from hil.estimate import compensation_tables
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
-from hil.experiments.pages import SeedMean, bars
+from hil.experiments.pages import SeedMean, bars, made_with
 from hil.identify.parallel import alone
 from hil.interrupt import with_its_parent
 from hil.models.files import write_model
@@ -64,7 +64,7 @@ HZ, SIZE, GEL, PERIODS, SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
 IDENTIFIED_S = 20.0
 #: Shares of the modelled friction that are compensated; the largest with which all laws run.
 SHARES = (1.0, 0.8, 0.6)
-SEEDS, QUICK_SEEDS, QUICK_EFFECTS = 10, 2, 2
+SEEDS, QUICK_SEEDS, QUICK_EFFECTS = 10, 2, 1
 
 
 @dataclass(frozen=True)
@@ -423,7 +423,7 @@ def _read(found: Sequence[CircleSummary]) -> list[str]:
             lines.append(
                 f"- {law.capitalize()}{' force sensors' if law == LAWS[1] else ''}: the {what} is "
                 f"{first:.3f} N with the fitted base models and {last:.3f} N with the diagnosed "
-                f"ones, {100 * (1 - last / first):.0f} % less."
+                f"ones, {100 * abs(1 - last / first):.0f} % {'less' if last <= first else 'more'}."
             )
     return lines
 
@@ -434,7 +434,7 @@ def command(args: argparse.Namespace) -> Found:
     found = summaries(rows)
     if args.report:
         place = Path(args.report).with_suffix(".svg")
-        command = "hil experiment hidden-effect" + " --quick" * args.quick
+        command = made_with("hidden-effect", args.report, args.seed, " --quick" * args.quick)
         terminal.write_page(args.report, page(rows, command, place.name))
         write_text(place, figure(found))
     text = (

@@ -8,7 +8,9 @@ meets tissue.  The law is `cartesian-coupling`, in three forms:
     held there             a force does, and what the tip does leaves it alone
 
 The last two are run again with half the stiffness of the tip, and with friction that was fitted to
-a motion of each arm in place of the guesses of the rig file.
+a motion of each arm in place of the guesses of the rig file.  All of these have gains with which
+each form passes the check before the start (`hil.teleop.gate`).  With the stiffness of the rig file
+only the form that holds the shaft does, which is run last.
 
 The sessions are measured in the simulator, but for the error of turning, which is the law's by the
 encoders.  What holding costs follows from the same forces on fewer freedoms.  Across the shaft,
@@ -54,12 +56,14 @@ ARMS = ("leader", "follower")
 SECONDS, BEGUN = 12.0, 3.0
 #: The forms of the law: name -> what differs from the rig file.
 ALONE, THROUGH, HELD = "goal alone", "goal through the incision", "held there"
+#: Stiffness [N/m] and damping [N s/m] of the tip with which every form may run.
+_GAINS = {"stiffness": 1000.0, "damping": 12.0}
 FORMS: Mapping[str, Mapping[str, float]] = {
-    ALONE: {"incision_depth": 0.0},
-    THROUGH: {"incision_stiffness": 0.0},
-    HELD: {},
+    ALONE: {**_GAINS, "incision_depth": 0.0},
+    THROUGH: {**_GAINS, "incision_stiffness": 0.0},
+    HELD: _GAINS,
 }
-FITTED, SOFT = ", friction fitted", ", half as stiff"
+FITTED, SOFT, STIFF = ", friction fitted", ", half as stiff", ", as stiff as the rig file"
 #: Up to that share beside what is foreseen, nothing else is taken to cost tracking.
 _EXPLAINED = 0.15
 #: Motion that shows friction: each joint a sine of its own frequency [1 / period], over that share
@@ -120,13 +124,15 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
         for form, law in FORMS.items():
             report(form)
             rows.append(session(given, form, law, folder, seed))
-        half = {"stiffness": 0.5 * given.controller.parameters["stiffness"]}
+        half = {"stiffness": 0.5 * _GAINS["stiffness"]}
         for form in (THROUGH, HELD):
             report(form + SOFT)
             rows.append(session(given, form + SOFT, {**FORMS[form], **half}, folder, seed))
         for form in (THROUGH, HELD):
             report(form + FITTED)
             rows.append(session(given, form + FITTED, {**FORMS[form], **fed}, folder, seed))
+        report(HELD + STIFF)
+        rows.append(session(given, HELD + STIFF, {}, folder, seed))
     rows = [_with_foresight(row, rows) for row in rows]
     own = given.controller.parameters
     friction = {
@@ -138,10 +144,9 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
 
 def _with_foresight(row: IncisionRow, rows: Sequence[IncisionRow]) -> IncisionRow:
     """A held session with what the one that does not hold foresees; the others with nothing."""
-    if not row.name.startswith(HELD):
-        return replace(row, foreseen=None)
-    other = next(r for r in rows if r.name == row.name.replace(HELD, THROUGH))
-    return replace(row, foreseen=other.foreseen)
+    free = row.name.replace(HELD, THROUGH)
+    told = [r.foreseen for r in rows if r.name == free != row.name]
+    return replace(row, foreseen=told[0] if told else None)
 
 
 def fitted(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
@@ -284,6 +289,7 @@ def _page_read(found: Means) -> list[str]:
     alone, through, held = (found[n] for n in FORMS)
     free_soft, soft = found[THROUGH + SOFT], found[HELD + SOFT]
     free_fitted, better = found[THROUGH + FITTED], found[HELD + FITTED]
+    stiff, gains = found[HELD + STIFF], _GAINS
     return [
         f"Gain: the shaft is {alone[0].mean:.1f} mm off the incision with the goal alone, "
         f"{through[0].mean:.1f} mm with the goal through it and {held[0].mean:.2f} mm held there; "
@@ -303,7 +309,11 @@ def _page_read(found: Means) -> list[str]:
             else "So something else adds to it."
         ),
         f"What helps: a stiffer spring of the tip ({soft[2].mean:.2f} mm with half of it, "
-        f"{free_soft[2].mean:.2f} mm not held), and a better model. With Coulomb friction fitted "
+        f"{free_soft[2].mean:.2f} mm not held), which holding the shaft allows: with the stiffness "
+        f"of the rig file the tip is {stiff[2].mean:.2f} mm off. With that stiffness 'hil run' "
+        "refuses the two forms that do not hold it, because arms that are lighter than their "
+        f"URDFs would ring at a hard wall; all other rows have {gains['stiffness']:g} N/m.",
+        "A better model helps as well. With Coulomb friction fitted "
         "to a motion of each arm, in place of the guesses of the rig file, the tip of the held "
         f"shaft is {better[2].mean:.2f} mm off ({free_fitted[2].mean:.2f} mm not held), and the "
         f"hand needs {better[5].mean:.1f} N in place of {held[5].mean:.1f}. What is left is "
@@ -317,8 +327,9 @@ PAGE = StudyPage(
     "and meets tissue. The law `cartesian-coupling` follows the handle with no regard to the "
     "incision, with a goal that goes through it, and with a force that holds the shaft there; "
     "then the last two again with half the stiffness of the tip, and with friction fitted to a "
-    "motion of each arm. Every seed has other arms, another hand and other noise. All numbers are "
-    "rms; *foreseen* is what the session that does not hold lets expect of the one that does.",
+    "motion of each arm, and the last one as stiff as the rig file has it. Every seed has other "
+    "arms, another hand and other noise. All numbers are rms; *foreseen* is what the session that "
+    "does not hold lets expect of the one that does.",
     "The thesis has no incision; its arms have three joints.",
     (
         "law",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -119,6 +120,12 @@ def picture(page: StudyPage, found: Means) -> str:
     return bars(page.figure, [page.head[k + 1] for k in page.bars], groups)
 
 
+def made_with(name: str, report: str, seed: int, more: str = "") -> str:
+    """The command that makes a page again, its figures and its picture."""
+    first = f" --seed {seed}" if seed != 1 else ""
+    return f"hil experiment {name}{more}{first} --report {Path(report).name}"
+
+
 def text(page: StudyPage, found: Means, command: str, seeds: str, picture_name: str) -> str:
     """The page; `seeds` says how many there were, and which gave no number and why."""
     figure = ["", f"![{page.figure}]({picture_name})"] if page.figure else []
@@ -165,8 +172,7 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
     tops = [s.mean + (s.half if s.half == s.half else 0.0) for g in groups.values() for s in g]
     most = max([t for t in tops if t == t], default=1.0) * 1.05 or 1.0
     step = (_WIDE - _LEFT - 20) / len(groups)
-    names = {name: _wrapped(name, step) for name in groups}
-    below = _HIGH + 20 + _LINE * max(map(len, names.values()))
+    below, under = _labels(list(groups), step)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {below + 40}" '
         'font-family="sans-serif" font-size="13">',
@@ -174,19 +180,70 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
         f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
         *_grid(most),
     ]
-    for i, (name, values) in enumerate(groups.items()):
+    for i, values in enumerate(groups.values()):
         w = (step - 24) / len(series)
         for k, s in enumerate(values):
             parts += _bar(_LEFT + step * i + 12 + k * w, w - 4, s, most, COLOURS[k % len(COLOURS)])
-        for k, line in enumerate(names[name]):
-            x, y = _LEFT + step * (i + 0.5), _HIGH + 20 + _LINE * k
-            parts.append(f'<text x="{x:.1f}" y="{y}" text-anchor="middle">{_safe(line)}</text>')
+    parts += under
     x = float(_LEFT)
     for k, name in enumerate(series):
         colour = COLOURS[k % len(COLOURS)]
         parts.append(f'<rect x="{x:.0f}" y="{below + 8}" width="14" height="14" fill="{colour}"/>')
         parts.append(f'<text x="{x + 20:.0f}" y="{below + 20}">{_safe(name)}</text>')
         x += 50 + 7.5 * len(name)
+    return "\n".join([*parts, "</svg>", ""])
+
+
+#: Of lines, beside each other (Okabe & Ito, with grey).
+_STROKES = (
+    "#888888", "#000000", "#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7",
+)  # fmt: skip
+
+
+def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float]]) -> str:
+    """Line chart as SVG; a line has a gap where there is no number, and is cut off below 0.
+
+    Parameters
+    ----------
+    title : str
+        What is shown, with its unit.
+    places : sequence of str
+        Names along the axis.
+    series : mapping of str to sequence of float
+        A value at each place, by the name of the line.
+    """
+    tops = [v for values in series.values() for v in values if v == v]
+    most = max(tops, default=1.0) * 1.05 or 1.0
+    step = (_WIDE - _LEFT - 20) / len(places)
+    below, under = _labels(places, step)
+    rows = -(-len(series) // 2)
+    high = below + 24 + 20 * rows
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {high}" '
+        'font-family="sans-serif" font-size="13">',
+        f'<path d="M0 0H{_WIDE}V{high}H0z" fill="#fff"/>',
+        f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
+        *_grid(most),
+        *under,
+    ]
+    for k, (name, values) in enumerate(series.items()):
+        colour = _STROKES[k % len(_STROKES)]
+        run: list[str] = []
+        for i, value in enumerate([*values, float("nan")]):
+            if value == value:
+                y = _HIGH - (_HIGH - _TOP) * max(value, 0.0) / most
+                run.append(f"{_LEFT + step * (i + 0.5):.1f},{y:.1f}")
+                spot = run[-1].partition(",")
+                parts.append(f'<circle cx="{spot[0]}" cy="{spot[2]}" r="4" fill="{colour}"/>')
+            elif run:
+                parts.append(
+                    f'<polyline points="{" ".join(run)}" fill="none" stroke="{colour}" '
+                    'stroke-width="2"/>'
+                )
+                run = []
+        x, y = _LEFT + (k % 2) * (_WIDE - _LEFT) / 2, below + 8 + 20 * (k // 2)
+        parts.append(f'<rect x="{x:.0f}" y="{y}" width="14" height="14" fill="{colour}"/>')
+        parts.append(f'<text x="{x + 20:.0f}" y="{y + 12}">{_safe(name)}</text>')
     return "\n".join([*parts, "</svg>", ""])
 
 
@@ -220,12 +277,35 @@ def _bar(x: float, wide: float, s: SeedMean, most: float, colour: str) -> list[s
     return out
 
 
+#: Width of a letter, about.
+_LETTER = 7.0
+
+
+def _labels(names: Sequence[str], step: float) -> tuple[int, list[str]]:
+    """Lowest line below the names of groups, and their texts; aslant where words do not fit."""
+    middle = [_LEFT + step * (k + 0.5) for k in range(len(names))]
+    if any(_LETTER * len(word) > step for name in names for word in name.split()):
+        slant = [
+            f'<text transform="translate({x + 5:.1f} {_HIGH + 16}) rotate(-50)" '
+            f'text-anchor="end">{_safe(name)}</text>'
+            for x, name in zip(middle, names, strict=True)
+        ]
+        return _HIGH + 30 + round(0.77 * _LETTER * max(map(len, names))), slant
+    rows = [_wrapped(name, step) for name in names]
+    told = [
+        f'<text x="{x:.1f}" y="{_HIGH + 20 + _LINE * k}" text-anchor="middle">{_safe(line)}</text>'
+        for x, row in zip(middle, rows, strict=True)
+        for k, line in enumerate(row)
+    ]
+    return _HIGH + 20 + _LINE * max(map(len, rows)), told
+
+
 def _wrapped(name: str, step: float) -> list[str]:
     """A name in lines that fit its group."""
     lines = [""]
     for word in name.split():
         longer = f"{lines[-1]} {word}".strip()
-        if len(longer) * 7.0 > step and lines[-1]:
+        if len(longer) * _LETTER > step and lines[-1]:
             lines.append(word)
         else:
             lines[-1] = longer

@@ -44,6 +44,12 @@ class WithoutForceSensorsRow:
     master_error, master_size, slave_error, slave_size : float
         Amplitude at this frequency of the error of the estimated force in the stiffer gel, and
         of the force itself [N].
+    fluctuation : tuple of 2 floats
+        Of the master's force in free space, both laws: rms of what is not of the motion's own
+        frequency [N].
+    profile : float
+        Rms of the difference of the two laws' master forces over a period in the stiffer gel, over
+        the rms of the first one's.
     """
 
     hz: float
@@ -53,6 +59,8 @@ class WithoutForceSensorsRow:
     master_size: float
     slave_error: float
     slave_size: float
+    fluctuation: tuple[float, float]
+    profile: float
 
 
 @dataclass(frozen=True)
@@ -127,17 +135,32 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Sens
 def _row(
     laws: Sequence[Mapping[str, Any]], hz: float, folder: Path, seed: int
 ) -> WithoutForceSensorsRow:
-    found, goal = [], []
+    found, goal, free, gel = [], [], [], []
     for law in laws:
-        found.append(hybrid.estimate_hybrid(rig.sessions(law, hz, folder, seed)).h)
+        runs = rig.sessions(law, hz, folder, seed)
+        free.append(_fluctuation(runs[0].fm))
+        gel.append(runs[-1].fm.reshape(rig.PERIODS, -1).mean(axis=0))
+        found.append(hybrid.estimate_hybrid(runs).h)
         goal.append(rig.predicted(law, np.array([hz]))[0])
-    errors = _estimates(folder / f"{hz:g}-2.mcap", hz)
+    f_m, of_m, f_s, of_s = _estimates(folder / f"{hz:g}-2.mcap", hz)
     return WithoutForceSensorsRow(
         hz,
         tuple(rig.relative(goal[1], goal[0]).ravel().tolist()),
         tuple(rig.relative(found[1], found[0]).ravel().tolist()),
-        *errors,
+        f_m,
+        of_m,
+        f_s,
+        of_s,
+        (free[0], free[1]),
+        float(np.linalg.norm(gel[1] - gel[0]) / np.linalg.norm(gel[0])),
     )
+
+
+def _fluctuation(force: Any) -> float:
+    """Rms of a force over whole periods without its mean and the motion's own frequency [N]."""
+    lines = np.fft.rfft(force) / force.size
+    lines[[0, rig.PERIODS]] = 0.0
+    return float(np.sqrt(2.0 * np.sum(np.abs(lines) ** 2)))
 
 
 def _estimates(path: Path, hz: float) -> list[float]:
@@ -177,15 +200,20 @@ def command(args: argparse.Namespace) -> Found:
             *(f"{100 * a:.1f}, {100 * b:.1f}" for a, b in zip(r.theory, r.measured, strict=True)),
             f"{r.master_error:.3f} of {r.master_size:.3f}",
             f"{r.slave_error:.3f} of {r.slave_size:.3f}",
+            f"{r.fluctuation[0]:.3f}, {r.fluctuation[1]:.3f}",
+            f"{100 * r.profile:.1f}",
         ]
         for r in s.rows
     ]
     head = ["Hz", *(f"{h} %" for h in rig.NAMES), "f_m error [N]", "f_s error [N]"]
+    head += ["free [N]", "gel %"]
     text = (
         f"With force sensors, and transformed to need none: condition of Q {s.kappa:.3g}, D "
         f"{s.D:.3g}\n  sampled-data condition: {s.smallest:.3g} > {s.bound:.3g}\n\n"
         f"{terminal.table(head, cells)}\n  h11..h22: difference of both laws over the entry's own "
-        f"size: theory, sessions\n\n  closer to the singularity: {s.refused}"
+        f"size: theory, sessions\n  free: fluctuation of the master's force in free space, with "
+        f"sensors and without\n  gel: difference of the master's force over a period in the gel"
+        f"\n\n  closer to the singularity: {s.refused}"
     )
     return text, asdict(s)
 
@@ -195,7 +223,7 @@ def _page_rows(data: Data) -> Rows:
     for r in data["rows"]:
         differ = [100 * x for x in r["measured"]]
         shares = [100 * r[f"{a}_error"] / r[f"{a}_size"] for a in ("master", "slave")]
-        out[f"{r['hz']:g} Hz"] = (*differ, *shares)
+        out[f"{r['hz']:g} Hz"] = (*differ, *shares, *r["fluctuation"], 100 * r["profile"])
     return out
 
 
@@ -207,8 +235,13 @@ def _page_read(found: Means) -> list[str]:
         f"Here h12, h21 and h22 of the two laws differ by {max(v.mean for v in low[1:4]):.1f} % "
         f"at most at {names[0]} and by {max(v.mean for v in high[1:4]):.1f} % at {names[-1]}.",
         "Thesis: similar profiles in the gel, a fluctuating master force in free space. Here the "
-        f"estimated master force is wrong by {low[4].mean:.0f} % of its rms at {names[0]} and by "
-        f"{high[4].mean:.0f} % at {names[-1]}; h11, what is felt in free space, differs most.",
+        f"master's force over a period in the gel differs by {low[8].mean:.0f} % of its rms at "
+        f"{names[0]} and by {high[8].mean:.0f} % at {names[-1]}. In free space it fluctuates by "
+        f"{low[6].mean:.3f} N (rms, beside the motion's own frequency) with sensors and "
+        f"{low[7].mean:.3f} N without at {names[0]}, {high[6].mean:.3f} and {high[7].mean:.3f} N "
+        f"at {names[-1]}.",
+        f"The estimated master force is wrong by {low[4].mean:.0f} % of its rms at {names[0]} and "
+        f"by {high[4].mean:.0f} % at {names[-1]}; h11, what is felt in free space, differs most.",
         "Why: the law without sensors takes the force from the arm's model. What the model lacks, "
         "and what the filters delay, is in the force; both grow with frequency.",
     ]
@@ -218,11 +251,23 @@ PAGE = StudyPage(
     "A law with force sensors, and its transform without",
     "The same teleoperation law with force sensors and after the force-sensor-free "
     "transformation, on the simulated rig. Columns h11 to h22: difference of the two laws as "
-    "measured, of the entry's own size. Forces: error of what the arm's model says, of the "
-    "force's rms.",
+    "measured, of the entry's own size. Forces: error of what the arm's model says in the gel, of "
+    "the force's rms. *Fluctuation*: rms of the master's force in free space without the motion's "
+    "own frequency. *Profile*: difference of the master's force over a period in the gel.",
     "Paper V: in theory equivalent; alike in the gel, fluctuating in free space, alike at low "
     "frequencies.",
-    ("frequency", "h11 %", "h12 %", "h21 %", "h22 %", "master force %", "slave force %"),
+    (
+        "frequency",
+        "h11 %",
+        "h12 %",
+        "h21 %",
+        "h22 %",
+        "master force %",
+        "slave force %",
+        "fluctuation, sensors [N]",
+        "fluctuation, none [N]",
+        "profile %",
+    ),
     _page_rows,
     _page_read,
     "Difference of the two laws [% of the entry]",

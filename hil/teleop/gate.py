@@ -16,7 +16,8 @@ taken from itself.  With the mass matrix M, weight g and tip Jacobian J of each 
     M q'' + J^T (B J q' + K J q) + g(q) = tau,   held between ticks,
 
 the eigenvalues of arms, law and delay decide, in small motions about a posture where it starts.
-No arm has friction here, nor does the law feed any forward.
+No arm has friction here, nor does the law feed any forward.  'hil design' and every start of the
+law ask for the same.
 """
 
 from __future__ import annotations
@@ -286,7 +287,8 @@ def _refusal(loop: SampledLoop, period: float) -> str:
         return ""
     return (
         f"{least.text}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
-        f"{1e3 * least.delay_s:.3g} ms; shorten the delay, or lower c2, c4 and the stiffness"
+        f"{1e3 * least.delay_s:.3g} ms; shorten the delay, lower c2, c4 and the stiffness, or take "
+        "a law that bears any delay: 'hil design RIG.toml --design passivity', waves, tanks, model"
     )
 
 
@@ -405,7 +407,7 @@ _MASSES = (0.75, 1.0)
 _POSTURES, _REACH = 11, 0.6
 #: Delay between measurement and effort that the loop has, the longest that is tried, and what it
 #: grows by [ticks].
-_LATE, _LATEST, _MORE = 1.0, 6.0, 0.25
+LATE, LATEST, _MORE = 1.0, 6.0, 0.25
 #: Growth [1/s] that the friction of any arm ends: free positions are double modes of 0, and weight
 #: that is compensated late makes them grow slowly.
 DRIFT = 0.2
@@ -444,6 +446,7 @@ def coupled(
     rotors: Sequence[FloatArray],
     period: float,
     behind: float = 0.0,
+    latest: float = LATEST,
 ) -> CoupledMargin:
     """Judge a law of two arms that are described by URDFs.
 
@@ -459,6 +462,8 @@ def coupled(
         Of the loop [s].
     behind : float
         Where a wall is around the follower's shaft, from its tip on [m]; 0: none.
+    latest : float
+        Longest delay that is tried [ticks]; `LATE`: only the one that the loop has.
     """
     robots = [bare_robot(RobotSource("", arm.urdf), arm.joints) for arm in arms]
     members = []
@@ -478,16 +483,40 @@ def coupled(
                 where = f"{posture}, {100 * share:.0f} % of the masses, {hand}, {contact}"
                 members.append((where, near, one, other))
     most = 1.0 + DRIFT * period
-    radius, hz, where = _worst(members, _LATE, period)
+    radius, hz, where = _worst(members, LATE, period)
     if radius > most:
         return CoupledMargin(radius, hz, where, -1.0, where, len(members))
-    late = _LATE
-    while late < _LATEST:
+    late = LATE
+    while late < latest:
         more, _, limit = _worst(members, late + _MORE, period)
         if more > most:
-            return CoupledMargin(radius, hz, where, (late - _LATE) * period, limit, len(members))
+            return CoupledMargin(radius, hz, where, (late - LATE) * period, limit, len(members))
         late += _MORE
-    return CoupledMargin(radius, hz, where, (late - _LATE) * period, "", len(members))
+    return CoupledMargin(radius, hz, where, (late - LATE) * period, "", len(members))
+
+
+def refuse_coupled(found: CoupledMargin, period: float) -> None:
+    """Refuse a law of two whole arms that must not run.
+
+    Parameters
+    ----------
+    found : CoupledMargin
+        What `coupled` says of it.
+    period : float
+        Of the loop [s].
+
+    Raises
+    ------
+    ConfigError
+        Naming the member of the set, the mode and what to change.
+    """
+    if found.delay_s < 0.0:
+        growth = np.log(found.radius) / period
+        raise ConfigError(
+            f"the law is unstable: with {found.where}, a mode of {found.hz:.3g} Hz grows by "
+            f"{growth:.3g} /s; lower the stiffnesses and dampings, or velocity_filter, or raise "
+            "rate_hz; 'hil design RIG.toml' judges it again"
+        )
 
 
 def _worst(

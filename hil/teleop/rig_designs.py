@@ -21,7 +21,7 @@ from hil.estimate import compensation_tables
 from hil.models.files import read_model
 from hil.models.phantom import Premium
 from hil.teleop import gate, hybrid, law_parameters, optimise, summary
-from hil.teleop.architecture import Design, RobotImpedance, Wish, named_design
+from hil.teleop.architecture import MOTION, Design, RobotImpedance, Wish, named_design
 from hil.teleop.hybrid import Impedance
 from hil.teleop.optimise import DesignProblem
 from hil.teleop.sampled_loop import SampledLoop
@@ -89,8 +89,10 @@ class ArmImpedances:
         return ArmImpedances(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
 
 
-def settings(words: Sequence[str]) -> dict[str, Any]:
+def settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
     """Values of KEY=VALUE words; channels as DELAY[,JITTER[,LOSS]] in seconds.
+
+    `names` are the keys, without any those of a design with c1..c8.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def settings(words: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for word in words:
         key, _, text = word.partition("=")
-        if key not in (known := (*WISHES, *REAL, *TASK, *SEARCH)):
+        if key not in (known := tuple(names) or (*WISHES, *REAL, *TASK, *SEARCH)):
             raise ConfigError("--set: " + unknown("key", key, known))
         out[key] = text if key in ("shape", "forces") else _value(key, text)
     return out
@@ -187,13 +189,21 @@ def transparent(
     for kind in (True, False):
         try:
             found.append(most_transparent(loops, period, kind, fixed))
-        except ConfigError as error:
-            failed = error
+        except ConfigError:
+            continue
     if not found:
-        raise failed
+        raise ConfigError(
+            "no transparent design, with or without acceleration terms, runs on these arms with "
+            f"these delays; {_WITHOUT_DELAY}"
+        )
     return min(found, key=lambda f: f.error)
 
 
+#: What to do where no transparent design runs.
+_WITHOUT_DELAY = (
+    "shorter delays, --design optimised, or a law that bears any delay: --design passivity, waves, "
+    "tanks, model"
+)
 #: Bounds that suit the arms' cables: k up to 150 N/m with b up to 1.5 N s/m.
 _ON_THE_RIG = {"stiffness": 150.0, "corner": 100.0, "contact": 0.75, "kappa": 1.5}
 
@@ -215,6 +225,12 @@ def designs(name: str, wishes: Mapping[str, float], arms: ArmImpedances) -> list
         robots = {"master": RobotImpedance(m), "slave": RobotImpedance(s)}
         out.append(named_design(name, replace(Wish(**wishes), **robots)))  # type: ignore[arg-type]
     return out
+
+
+def without_accelerations(design: Design) -> Design:
+    """The design without the acceleration terms of its motion gains."""
+    terms = {c: replace(getattr(design, c), a=0.0) for c in MOTION}
+    return replace(design, **terms)
 
 
 def models(paths: Mapping[str, str], rig: RigTables) -> dict[str, Any]:
@@ -327,8 +343,7 @@ def most_transparent(
     kind = "with" if accelerations else "without"
     raise ConfigError(
         f"none of {len(ranked)} transparent designs {kind} acceleration terms runs on these arms "
-        f"with these delays; use --set accelerations={int(not accelerations)}, shorter delays, or "
-        "--design optimised"
+        f"with these delays; use --set accelerations={int(not accelerations)}, or {_WITHOUT_DELAY}"
     )
 
 
@@ -365,8 +380,7 @@ def _design(name: str, wish: Wish, loop: SampledLoop, accelerations: bool) -> De
     own: dict[str, Any] = {"master": RobotImpedance(d.master.m), "slave": RobotImpedance(d.slave.m)}
     out = named_design(name, replace(wish, **own))
     if not accelerations:
-        terms = {c: replace(getattr(out, c), a=0.0) for c in ("c1", "c4", "c7", "c8")}
-        out = replace(out, **terms)
+        out = without_accelerations(out)
     return replace(out, name=f"transparent ({name})")
 
 

@@ -102,7 +102,7 @@ class SimArm:
     def __init__(self, name: str, arm: Described, home: Sequence[float], seed: int) -> None:
         d = len(arm.joints)
         self.name, self.joints = name, arm.joints
-        built = motion.read(arm.urdf, arm.joints, seed)
+        built, self._pull = motion.read(arm.urdf, arm.joints, seed), motion.pull_of(arm.urdf)
         self._bodies = tuple(getattr(built, f) for f in built.__dataclass_fields__)
         self.kinds = [kind_of(t) for t in arm.torque_limit]
         ranges = np.array([k.ranges for k in self.kinds])
@@ -212,7 +212,7 @@ class SimArm:
             self._rotor,
             self.codes,
             random,
-            motion.WEIGHT,
+            self._pull,
             span,
             max(1, round(span * STEPS)),
             touched[0] if touches else None,

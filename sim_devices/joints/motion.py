@@ -28,8 +28,8 @@ from hil.sim_devices.plants.layout import ELEMENTS
 Array = NDArray[np.float64]
 #: How far a mass, a first moment or an inertia is off the file, either way.
 OFF = (0.05, 0.15)
-#: Weight [m/s^2].
-WEIGHT = 9.80665
+#: Weight of a mass where the URDF says nothing [m/s^2], in axes of the base.
+WEIGHT = (0.0, 0.0, -9.80665)
 
 
 @dataclass
@@ -167,6 +167,30 @@ def read(urdf: str, joints: tuple[str, ...], seed: int) -> Bodies:
     return out
 
 
+def pull_of(urdf: str) -> Array:
+    """Gravity (3,) in axes of the base [m/s^2]: what ``<gravity>`` of the URDF says, else `WEIGHT`.
+
+    Raises
+    ------
+    ConfigError
+        If that is not three numbers.
+    """
+    told = ET.fromstring(urdf).findall("gravity")
+    if not told:
+        return np.array(WEIGHT)
+    words = (told[-1].text or "").split()
+    try:
+        out = np.array([float(word) for word in words])
+    except ValueError:
+        out = np.zeros(0)
+    if len(told) > 1 or out.shape != (3,) or not np.isfinite(out).all():
+        raise ConfigError(
+            f"<gravity>{' '.join(words)}</gravity> of the simulated arm's URDF: one element with "
+            "three numbers [m/s^2] in axes of the base is needed, as 0 0 -9.81"
+        )
+    return out
+
+
 def tip(urdf: str, last: str) -> tuple[Array, Array]:
     """Axes (3, 3) and place (3,) of the link ``tip`` in the frame of the joint `last`.
 
@@ -268,7 +292,7 @@ def crossed(v: Any, m: Any, sign: float, out: Any) -> None:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def accelerations(
-    b: Any, rotor: Any, weight: float, q: Any, qd: Any, tau: Any, room: Any, qdd: Any
+    b: Any, rotor: Any, weight: Any, q: Any, qd: Any, tau: Any, room: Any, qdd: Any
 ) -> None:
     """Joint accelerations into `qdd` (d,) under efforts `tau` (d,).
 
@@ -278,8 +302,8 @@ def accelerations(
         Fields of `hil.sim_devices.joints.motion.Bodies`.
     rotor : ndarray (d,)
         Inertia of each drive at its joint [kg m^2 or kg].
-    weight : float
-        [m/s^2], along -z of the base.
+    weight : ndarray (3,)
+        Gravity in axes of the base [m/s^2].
     room : tuple
         From `scratch`.
     """
@@ -316,7 +340,7 @@ def outward(b: Any, q: Any, qd: Any, room: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def inward(b: Any, rotor: Any, weight: float, tau: Any, room: Any, qdd: Any) -> None:
+def inward(b: Any, rotor: Any, weight: Any, tau: Any, room: Any, qdd: Any) -> None:
     """Articulated inertias from the tip to the base, accelerations back out, after `outward`."""
     parent, _, _, axis, slides, _ = b
     x, ia, vec, work = room
@@ -361,11 +385,13 @@ def inward(b: Any, rotor: Any, weight: float, tau: Any, room: Any, qdd: Any) -> 
         first = 3 if slides[i] else 0
         left = vec[i, 5, 1]
         for r in range(6):
-            # the base accelerates upwards instead of a weight on every body
-            a[r] = c[r] + (x[i, r, 5] * weight if parent[i] < 0 else 0.0)
+            a[r] = c[r]
             if parent[i] >= 0:
                 for k in range(6):
                     a[r] += x[i, r, k] * vec[parent[i], 4, k]
+            else:  # the base accelerates against gravity instead of a weight on every body
+                for k in range(3):
+                    a[r] -= x[i, r, 3 + k] * weight[k]
             left -= u[r] * a[r]
         qdd[i] = left / vec[i, 5, 0]
         for k in range(3):
@@ -408,7 +434,7 @@ def run(
     rotor: Any,
     codes: Any,
     random: Any,
-    weight: float,
+    weight: Any,
     span: float,
     n: int,
     met: Any,
@@ -424,6 +450,8 @@ def run(
         Efforts in half steps of the drives.
     random : ndarray (d,)
         Standard normal numbers.
+    weight : ndarray (3,)
+        Gravity in axes of the base [m/s^2].
     met, met_room : structured record and ndarray, or None
         What touches the arm (`hil.sim_devices.joints.touch`), and room for it; None where nothing
         does, so that its laws need not be compiled.

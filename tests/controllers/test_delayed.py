@@ -322,3 +322,13 @@ def test_a_fixture_that_the_rig_cannot_render_is_refused_before_the_start(tmp_pa
     assert law["fixtures"][0]["stiffness"] == 400.0
     words = ["--seconds", "0.1", "-o", str(tmp_path / "s.mcap")]
     assert main(["run", str(tmp_path / "own.toml"), *words]) == 0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.001])
+def test_waves_meet_a_gel_calmly_however_short_the_channel(delay, tmp_path):
+    """Given out at once, they rang from tick to tick on a channel without delay, up to a FAULT."""
+    way = {"delay": delay, "jitter": 0.0, "loss": 0.0}
+    machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.0, 0.0, 0.008], "onset": 1.0}
+    law = {"scheme": "waves", "forward": way, "backward": way}
+    config = teleop.config_of("delayed", law, machine, 400.0)
+    assert runner.run(config, 1.5, 1, "lockstep", tmp_path / "s.mcap").state == "ENABLED"

@@ -36,9 +36,13 @@ def test_manual_excitation_says_what_is_not_identifiable(capsys):
 
 def test_motor_constants_come_out_of_a_session_of_the_simulated_rig():
     found = manual_excitation.on_the_rig(2, 25.0)
-    assert all(f.rank == 17 for f in found.values())
-    built, wrong = found.values()
+    assert all(r.found.rank == 17 for r in found)
+    built, wrong = (r.found for r in found)
     for j in (1, 2, 3):
         goal = manual_excitation.WRONG if j == 2 else 1.0
         assert built.values[f"j{j}.kappa"] == pytest.approx(1.0, abs=0.025)
         assert wrong.values[f"j{j}.kappa"] == pytest.approx(goal, abs=0.025)
+    # the force of another hand: the more wrong the constants, the more a hand is worth
+    gain = [r.error["hand and motors"] / r.error["motors"] for r in found]
+    assert gain[1] < 0.7 and gain[1] < gain[0] < 1.1
+    assert all(-100.0 < x["log_det"] < 0.0 for r in found for x in r.richness.values())

@@ -40,12 +40,12 @@ def test_figures_are_means_with_intervals_over_the_seeds():
 
 
 def test_the_page_says_what_the_numbers_say():
-    text = study.page(ROWS, "hil experiment hidden-effect --quick", "x.svg")
+    text = study.page(ROWS, "hil experiment hidden-effect --quick --report x.md", "x.svg")
     assert "| stribeck on joint2 | 1 of 2 | 3.00 -> 1.00 | with sensors | 0.200 -> 0.100" in text
     assert "0.100 N with the fitted base models and 0.050 N with the diagnosed" in text
     assert "50 % less" in text and "(x.svg)" in text
     worse = [replace(r, free={**r.free, "diagnosed": r.free["as built"]}) for r in ROWS]
-    assert "-100 % less" in study.page(worse, "c", "x.svg")
+    assert "100 % more" in study.page(worse, "c", "x.svg")
 
 
 def test_the_figure_has_a_bar_for_every_model_of_every_effect():

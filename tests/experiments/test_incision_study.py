@@ -8,6 +8,7 @@ import pytest
 from hil.experiments import incision
 from hil.experiments.pages import means
 from hil.rig.config import load_rig
+from hil.rig.open import build_controller
 
 
 def test_a_held_shaft_bears_moments_at_its_tip_and_forces_along_it_alone():
@@ -27,9 +28,16 @@ def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path
     assert np.all(found > fed) and np.all(found < 3.0 * fed)
 
 
+@pytest.mark.parametrize("form", [*incision.FORMS])
+def test_every_form_passes_the_check_before_the_start(form):
+    given = {"controller": {"parameters": dict(incision.FORMS[form])}}
+    build_controller(load_rig("surgical", given))
+
+
 def test_the_page_is_made_of_the_runs():
     names = [*incision.FORMS]
     names += [f + more for more in (incision.SOFT, incision.FITTED) for f in names[1:]]
+    names.append(incision.HELD + incision.STIFF)
     one = {"off": 1e-3, "wall": 1.0, "tip": 2e-3, "turn": 1e-2, "felt": 3.0, "foreseen": 1e-3}
     data = {"rows": [{"name": n, **one} for n in names]}
     found = means(incision.PAGE, [data, data])

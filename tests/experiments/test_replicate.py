@@ -20,10 +20,11 @@ import pytest
 from jobs import digits, lost_always, lost_once, odd, process
 from scipy import stats
 
+from hil.bench import teleop as bench
 from hil.cli import main
 from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
-from hil.experiments.pages import SeedMean, bars, means
+from hil.experiments.pages import SeedMean, bars, lines, means
 from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
@@ -146,6 +147,16 @@ def test_bars_stand_for_their_numbers():
     assert "a < b" in [t.text for t in root.iter(f"{space}text")]
 
 
+def test_names_of_groups_do_not_run_into_each_other():
+    one, space = SeedMean(1, 0.1), "{http://www.w3.org/2000/svg}"
+    few, many = (
+        ET.fromstring(bars("a", ["b"], {f"accelerometer {k}": [one] for k in range(n)}))
+        for n in (4, 18)
+    )
+    for root, turned in ((few, 0), (many, 18)):
+        assert sum("rotate" in t.get("transform", "") for t in root.iter(f"{space}text")) == turned
+
+
 def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
     page, kept = tmp_path / "p.md", tmp_path / "kept"
     words = ["experiment", "elastic-ukf", "--seeds", "2", "--workers", "1", "--keep", str(kept)]
@@ -156,7 +167,11 @@ def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["seeds"] == [1, 2]
     told = page.read_text(encoding="utf-8")
-    for part in ("## The thesis, and here", "`hil experiment elastic-ukf --seeds 2`", "(p.svg)"):
+    for part in (
+        "## The thesis, and here",
+        "`hil experiment elastic-ukf --seeds 2 --report p.md`",
+        "(p.svg)",
+    ):
         assert part in told
     first = data["means"]["link inertia 1"][0]
     assert f"| link inertia 1 | {SeedMean(first['mean'], first['half'])} |" in told
@@ -193,7 +208,8 @@ def test_a_row_that_some_runs_lack_is_a_mean_of_the_others():
 def test_every_page_is_in_the_documentation_with_its_command(name):
     docs = Path(__file__).parents[2] / "docs" / "experiments"
     told = (docs / f"{name}.md").read_text(encoding="utf-8")
-    assert f"`hil experiment {name}" in told
+    seeds = re.search(r": (?:\d+ of )?(\d+) seeds", told)[1]
+    assert f"`hil experiment {name} --seeds {seeds} --report {name}.md`: " in told
     assert PAGES[name].thesis in told
     assert (docs / f"{name}.svg").exists() == bool(PAGES[name].figure)
 
@@ -229,3 +245,22 @@ def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
 def test_one_study_or_all(words, said, capsys):
     assert main(["experiment", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_line_ends_where_there_is_no_number():
+    svg = lines("a", ["0", "10", "", "x"], {"l": [1.0, 2.0, math.nan, 1.0], "m": [math.nan] * 4})
+    space = "{http://www.w3.org/2000/svg}"
+    drawn = [p.get("points").split() for p in ET.fromstring(svg).iter(f"{space}polyline")]
+    assert [len(p) for p in drawn] == [2, 1]
+    low, high = (float(p.partition(",")[2]) for p in drawn[0])
+    assert low > high  # 2 is above 1
+
+
+def test_the_figures_of_the_bench_of_delays_have_every_law_and_stand_in_the_page():
+    links = ("0 ms", "1 ms, x")
+    rows = [bench.DelayRow(law, link, 1.0, 2.0, 4.0) for law in "ab" for link in links]
+    rows += [bench.DelayRow("c", link, why="refused: not stable") for link in links]
+    page = (Path(__file__).parents[2] / "docs/bench/teleop.md").read_text(encoding="utf-8")
+    for name, figure in bench.figures(rows).items():
+        assert all(f">{law}</text>" in figure for law in "abc")
+        assert f"(teleop-{name}.svg)" in page

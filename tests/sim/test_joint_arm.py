@@ -33,8 +33,15 @@ def description(urdf=URDF, joints=JOINTS):
     return ArmDescription(joints, urdf, (-1.0,) * d, (1.0,) * d, (0.2,) * d, (8.0,) * d)
 
 
+def told(urdf, gravity):
+    """The URDF with its own word of gravity."""
+    return urdf.replace("</robot>", f"<gravity>{gravity}</gravity></robot>")
+
+
+@pytest.mark.parametrize("gravity", ["", "0 0 9.81", "0 0 0", "-6.1 3 -7"])
 @pytest.mark.parametrize(("urdf", "joints"), [(URDF, JOINTS), (SLIDE, ("rail", "wrist"))])
-def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, joints):
+def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, joints, gravity):
+    pull = motion.pull_of(told(urdf, gravity) if gravity else urdf)
     monkeypatch.setattr(motion, "_off", lambda rng, size: np.ones(size))
     built, d = motion.read(urdf, joints, 0), len(joints)
     fields = tuple(getattr(built, f) for f in built.__dataclass_fields__)
@@ -43,9 +50,10 @@ def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, jo
     rng = np.random.default_rng(0)
     q, v, tau = rng.uniform(-1.0, 1.0, (3, d))
     model.armature = rotor = rng.uniform(0.0, 0.1, d)
-    model.gravity.linear = np.array([0.0, 0.0, -motion.WEIGHT])
+    said = [float(x) for x in gravity.split()] if gravity else [0.0, 0.0, -9.80665]
+    model.gravity.linear = np.array(said)
     out = np.zeros(d)
-    motion.accelerations(fields, rotor, motion.WEIGHT, q, v, tau, motion.scratch(d), out)
+    motion.accelerations(fields, rotor, pull, q, v, tau, motion.scratch(d), out)
     assert np.allclose(out, pin.aba(model, model.createData(), q, v, tau), rtol=1e-10, atol=1e-10)
 
 
@@ -83,6 +91,28 @@ def test_a_session_is_the_same_for_a_seed_and_another_one_for_another():
 def test_a_hidden_effect_changes_the_motion(effect):
     hidden = [{"effect": effect, "joint": "wrist_roll"}]
     assert not np.array_equal(run(5), run(5, hidden))
+
+
+def test_a_simulated_arm_falls_along_the_gravity_of_its_description():
+    """Without torque: down, not at all, and up under a ceiling."""
+
+    def fallen(urdf):
+        bench = open_bench({"arm": description(urdf)}, {}, 2_000_000, 0)
+        bench.arms["arm"].p["noise"] = 0.0
+        bench.wire("arm").power(True)
+        bench.advance(200_000_000)
+        return bench.arms["arm"].x["q"] - 0.2
+
+    down, none, up = fallen(URDF), fallen(told(URDF, "0 0 0")), fallen(told(URDF, "0 0 9.80665"))
+    assert np.abs(none).max() < 1e-6 < 1e-3 < np.abs(down).max()
+    far = np.abs(down) > 1e-3
+    assert np.all(np.sign(up[far]) == -np.sign(down[far]))
+
+
+@pytest.mark.parametrize("word", ["down", "0 0", "0 0 nan", "0 0 -9.81</gravity><gravity>0 0 0"])
+def test_a_gravity_that_is_no_vector_is_refused(word):
+    with pytest.raises(ConfigError, match="three numbers"):
+        open_bench({"arm": description(told(URDF, word))}, {}, 2_000_000, 0)
 
 
 def test_the_brakes_hold_an_arm_without_power():

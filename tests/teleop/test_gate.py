@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.controllers import lawrence
+from hil.controllers import cartesian, lawrence
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError
 from hil.models.phantom import Premium
 from hil.rig.check import described
 from hil.rig.config import load_rig
-from hil.rig.open import build_controller, open_rig
+from hil.rig.open import open_rig
+from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.runtime.session import plain, to_toml
 from hil.teleop import (
@@ -216,11 +217,10 @@ def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp
 
 
 def coupled(**law):
-    config = load_rig("surgical", {"controller": {"parameters": {**NO_FRICTION, **law}}})
-    own = build_controller(config)
-    arms = [described(config.arms[a]) for a in config.controller.arms]
-    rotors = [np.array(getattr(own.config, f"{a}_armature")) for a in config.controller.arms]
-    return gate.coupled(own, arms, rotors, T, own.config.incision_depth)
+    config = load_rig("surgical", {"controller": {"parameters": law}})
+    own = parse(cartesian.CartesianCouplingConfig, config.controller.parameters, "test")
+    arms = config.controller.arms
+    return cartesian.margin(own, arms, T, tuple(described(config.arms[a]) for a in arms))
 
 
 NO_FRICTION = {"leader_friction": [], "follower_friction": []}
@@ -232,10 +232,11 @@ def test_the_law_of_the_packaged_rig_is_stable_over_postures_hands_and_contacts(
     assert found.radius < 1.0 + gate.DRIFT * T
 
 
-def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_path):
+def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_path, monkeypatch):
     """Springs of turning that are as stiff as the law allows; arms without friction, let go."""
     stiff = {"turn_stiffness": 55.0}
     assert coupled(**stiff).delay_s < 0.0
+    monkeypatch.setattr(gate, "refuse_coupled", lambda found, period: None)
 
     def speeds(**law):
         rows = []
@@ -256,6 +257,22 @@ def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_
         return max(rows[-500:])
 
     assert speeds(**stiff) > 3.0 * speeds()
+
+
+@pytest.mark.parametrize("law", [{"turn_stiffness": 55.0}, {"incision_stiffness": 0.0}])
+def test_hil_run_starts_no_law_of_whole_arms_that_hil_design_refuses(law, tmp_path, capsys):
+    """Before any device opens; the same sentence from both."""
+    config = load_rig("surgical", {"controller": {"parameters": law}})
+    own = tmp_path / "own.toml"
+    own.write_text(to_toml(plain(config)))
+    for text in ("surgical-leader.urdf", "surgical-follower.urdf"):
+        (tmp_path / text).write_text((rig_path("surgical").parent / text).read_text())
+    assert main(["design", str(own)]) == 2
+    said = capsys.readouterr()
+    assert "REFUSED" in said.out and "the law is unstable: with " in said.err
+    assert main(["run", str(own), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert said.err.partition("the law is")[2] == capsys.readouterr().err.partition("the law is")[2]
+    assert not (tmp_path / "s.mcap").exists()
 
 
 def test_hil_design_judges_a_law_of_whole_arms(capsys):
