@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import webbrowser
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,6 +23,7 @@ from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
+from hil.web.site import LOOPBACK
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -62,6 +64,48 @@ def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) 
         metavar="ADDRESS",
         help=f"a Dask scheduler in place of processes, e.g. tcp://host:8786{what}",
     )
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """--host, --port and --no-browser of a command that serves a page."""
+    parser.add_argument(
+        "--host",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help="address on which the page listens: default this machine alone, 0.0.0.0 all of its "
+        "addresses; on each, a request needs the token of the printed address",
+    )
+    parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, and open no browser"
+    )
+
+
+def tell_page(what: str, here: str, there: str, power: str, browser: bool) -> None:
+    """Print the address of a page, and open it.
+
+    Parameters
+    ----------
+    what : str
+        Name of the page.
+    here, there : str
+        Its address, and that for other machines; empty: for none.
+    power : str
+        What everybody can do who has the address.
+    browser : bool
+        Open it.
+    """
+    terminal.out(f"{what} is open at {here}")
+    if there != here and there:
+        terminal.out(f"From another machine: {there}")
+    if there:
+        terminal.out(
+            f"warning: Who has this address {power}. It is sent unencrypted: use it within the "
+            "network of the lab alone. For any other, leave out --host and reach the page through "
+            "a tunnel (ssh -L)."
+        )
+    if browser:
+        webbrowser.open(here)
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:
