@@ -15,6 +15,7 @@ from typing import Any
 from hil import outputs, terminal
 from hil.commands import plugins
 from hil.errors import ConfigError
+from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
@@ -156,6 +157,13 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         metavar="M.toml",
         help="model file; without, the base model of the session's robot",
     )
+    parser.add_argument(
+        "--plugin",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="effects of your own, beside those of the model (repeatable); the file is run",
+    )
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
@@ -217,12 +225,28 @@ def load(
         )
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
+    model = with_plugins(model, getattr(args, "plugin", ()))
     if args.arm:  # what is written holds for this arm alone
         model = replace(model, arm=args.arm)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     _refuse_robots([*paths, *others], [*runs, *held])
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
+
+
+def with_plugins(model: RobotModel, files: Sequence[str]) -> RobotModel:
+    """The model that also names files of effects, which are loaded: who names them runs them.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing, does not run, or holds no effects.
+    """
+    fresh = [str(Path(f).resolve()) for f in files]
+    for name in fresh:
+        if name not in model.plugins:
+            catalogue.load_plugin(Path(name))
+    return replace(model, plugins=tuple(dict.fromkeys([*model.plugins, *fresh])))
 
 
 #: What compiles on the first use [s].

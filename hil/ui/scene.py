@@ -138,7 +138,12 @@ def _gel(config: RigConfig, robots: Mapping[str, Any]) -> dict[str, Any] | None:
         return {"arm": declared.arm, "centre": [*declared.centre], "size": [*declared.size]}
     arm, below = table.get("arm"), table.get("below_home")
     robot, home = robots.get(arm), config.simulation.get("home")
-    if not hasattr(robot, "places") or not isinstance(below, int | float) or not home:
+    if (
+        robot is None
+        or not hasattr(robot, "places")
+        or not isinstance(below, int | float)
+        or not home
+    ):
         return None
     x, y, z = robot.places(np.array(home, dtype=np.float64))[-1]
     centre = [number(float(v), 5) for v in (x, y, z - below)]

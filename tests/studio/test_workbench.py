@@ -44,7 +44,8 @@ def test_the_first_answer_shows_everything_as_json(begun):
     residual = begun[0].compared().result.residual[0]
     assert max(map(abs, trace["y"])) == pytest.approx(abs(residual).max(), rel=1e-3)
     assert (state["sessions"], state["holdout"]) == (["a.mcap"], ["b.mcap"])
-    assert not state["learnt"] and state["diagnosis"] is None and not state["commands"]
+    assert not state["learnt"] and state["diagnosis"] is None
+    assert state["commands"] == ["hil compare a.mcap --holdout b.mcap"]
 
 
 def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_path):
@@ -59,7 +60,8 @@ def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_pat
     assert (learnt["effect"], learnt["joint"]) == ("stribeck", joint)
     assert len(learnt["x"]) == len(learnt["data"]) == len(learnt["law"]) > 5
     assert added["commands"] == [
-        f"hil add stribeck a.mcap --holdout b.mcap --joint {joint} -o better.toml"
+        f"hil add stribeck a.mcap --holdout b.mcap --joint {joint} -o better.toml",
+        "hil compare a.mcap --model better.toml --holdout b.mcap",
     ]
     path = tmp_path / "better.toml"
     assert bench.save(str(path))["saved"] == str(path.resolve())
