@@ -236,28 +236,31 @@ class Workbench:
                 if file.exists():
                     raise ConfigError(f"cannot write {file}: a file is there; choose another name")
         except HilError:
-            if fresh:
-                source.unlink()
+            for file in fresh:
+                file.unlink()
             raise
         for file, text in files.items():
             file.write_text(text, encoding="utf-8")
         self.now.file = str(source.resolve())
         notes = [*(f"lost: {x}" for x in made.lost), *made.notes]
-        written = [*files, *([source] if fresh else [])]
-        return {"saved": ", ".join(str(f.resolve()) for f in written), "notes": notes}
+        return {"saved": ", ".join(str(f.resolve()) for f in (*files, *fresh)), "notes": notes}
 
-    def _file_of_model(self, place: Path) -> tuple[Path, bool]:
-        """File of the current model, and whether it was written now, beside an export."""
+    def _file_of_model(self, place: Path) -> tuple[Path, list[Path]]:
+        """File of the current model, and the files that were written for it, beside an export."""
         if self.now.file and Path(self.now.file).is_file():
-            return Path(self.now.file), False
-        source = place.with_suffix(".toml")
+            return Path(self.now.file), []
+        model = self.compared().result.model
+        # a description has the stem of its model, and must not stand where the exported one goes
+        source = place.with_suffix(".model.toml" if model.robot.urdf else ".toml")
+        description = source.with_suffix(".urdf")
         if source.exists():
             raise ConfigError(
                 f"cannot write {source} beside {place}: a file is there; save the model first, or "
                 "choose another name"
             )
-        write_model(self.compared().result.model, source)
-        return source, True
+        fresh = [source, *([description] if model.robot.urdf and not description.exists() else [])]
+        write_model(model, source)
+        return source, fresh
 
     def report(self, path: str) -> dict[str, Any]:
         """Write the report of the diagnosis, or of the comparison where there is none."""

@@ -127,6 +127,23 @@ def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_pa
     assert not (tmp_path / "a.toml").exists()
 
 
+def test_a_described_arm_is_exported_as_a_description_and_a_refused_export_leaves_nothing(tmp_path):
+    """The model that is written beside has a description, too: not where the exported one goes."""
+    run = plants.spatial(1, 6.0)
+    bench = Workbench(Inputs((run,), (), base_model(run.robot), ("a.mcap",)))
+    bench.start()
+    taken = tmp_path / "taken.xml"
+    taken.write_text("mine")
+    with pytest.raises(ConfigError, match="a file is there"):
+        bench.export("mjcf", str(taken))
+    assert [p.name for p in tmp_path.iterdir()] == ["taken.xml"] and taken.read_text() == "mine"
+    saved = bench.export("urdf", str(tmp_path / "robot.urdf"))["saved"]
+    names = ["robot.model.toml", "robot.model.urdf", "robot.urdf"]
+    assert sorted(saved.split(", ")) == [str(tmp_path / n) for n in names]
+    assert "<robot" in (tmp_path / "robot.urdf").read_text()
+    assert read_model(tmp_path / "robot.model.toml").names() == bench.now.model.names()
+
+
 def test_what_cannot_be_added_leaves_the_stack(begun):
     bench, _ = begun
     count = len(bench.stack)
