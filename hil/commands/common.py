@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import webbrowser
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -14,6 +15,7 @@ from typing import Any
 from hil import outputs, terminal
 from hil.commands import plugins
 from hil.errors import ConfigError
+from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model
 from hil.models.param_text import in_words, without_error
@@ -22,6 +24,7 @@ from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
+from hil.web.site import LOOPBACK
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -62,6 +65,48 @@ def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) 
         metavar="ADDRESS",
         help=f"a Dask scheduler in place of processes, e.g. tcp://host:8786{what}",
     )
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """--host, --port and --no-browser of a command that serves a page."""
+    parser.add_argument(
+        "--host",
+        default=LOOPBACK,
+        metavar="ADDRESS",
+        help="address on which the page listens: default this machine alone, 0.0.0.0 all of its "
+        "addresses; on each, a request needs the token of the printed address",
+    )
+    parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, and open no browser"
+    )
+
+
+def tell_page(what: str, here: str, there: str, power: str, browser: bool) -> None:
+    """Print the address of a page, and open it.
+
+    Parameters
+    ----------
+    what : str
+        Name of the page.
+    here, there : str
+        Its address, and that for other machines; empty: for none.
+    power : str
+        What everybody can do who has the address.
+    browser : bool
+        Open it.
+    """
+    terminal.out(f"{what} is open at {here}")
+    if there != here and there:
+        terminal.out(f"From another machine: {there}")
+    if there:
+        terminal.out(
+            f"warning: Who has this address {power}. It is sent unencrypted: use it within the "
+            "network of the lab alone. For any other, leave out --host and reach the page through "
+            "a tunnel (ssh -L)."
+        )
+    if browser:
+        webbrowser.open(here)
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:
@@ -111,6 +156,13 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="M.toml",
         help="model file; without, the base model of the session's robot",
+    )
+    parser.add_argument(
+        "--plugin",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="effects of your own, beside those of the model (repeatable); the file is run",
     )
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
@@ -173,12 +225,28 @@ def load(
         )
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
+    model = with_plugins(model, getattr(args, "plugin", ()))
     if args.arm:  # what is written holds for this arm alone
         model = replace(model, arm=args.arm)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     _refuse_robots([*paths, *others], [*runs, *held])
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
+
+
+def with_plugins(model: RobotModel, files: Sequence[str]) -> RobotModel:
+    """The model that also names files of effects, which are loaded: who names them runs them.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing, does not run, or holds no effects.
+    """
+    fresh = [str(Path(f).resolve()) for f in files]
+    for name in fresh:
+        if name not in model.plugins:
+            catalogue.load_plugin(Path(name))
+    return replace(model, plugins=tuple(dict.fromkeys([*model.plugins, *fresh])))
 
 
 #: What compiles on the first use [s].

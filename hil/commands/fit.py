@@ -23,6 +23,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.add_sessions(parser, model=False)
     common.add_output(parser, "FITTED.toml", "the fitted model")
     parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="EFFECT",
+        help="leave an effect of the model out, on all of its joints (repeatable)",
+    )
+    parser.add_argument(
         "--simulate",
         action="store_true",
         help="refine the fit on the simulated motion; kept only where it is better on held-out "
@@ -59,6 +66,8 @@ def run(args: argparse.Namespace) -> int:
     if args.window < 0:
         raise ConfigError(f"--window {args.window:g}: expected seconds above zero")
     runs, held, model = common.load(args)
+    for effect in args.without:
+        model = model - effect
     result, found = verbs.fit(runs, model), None
     if args.simulate:
         Examiner(result.problem, held)  # refuses sessions that cannot be held out

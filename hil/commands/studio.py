@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import secrets
-import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from hil.record.table_files import FORMATS
 from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
-from hil.web.site import serve, site
+from hil.web.site import Hosts, serve, site
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
@@ -38,10 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     common.add_holdout(parser)
     common.add_sources(parser)
-    parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address, and open no browser"
-    )
+    common.add_page(parser)
 
 
 def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
@@ -64,17 +60,16 @@ def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
     worker, token = Worker(*_begin(args)), secrets.token_urlsafe(24)
-    app = application(worker, token, ["127.0.0.1", "localhost"], Path.cwd())
+    app = application(worker, token, Hosts(args.host), Path.cwd())
 
-    def told(address: str) -> None:
-        terminal.out(f"The studio is open at {address}")
+    def told(here: str, there: str) -> None:
+        power = "can read and write files here, and run programs with your rights"
+        common.tell_page("The studio", here, there, power, not args.no_browser)
         terminal.out("Ctrl-C ends it; models are saved on request only")
-        if not args.no_browser:
-            webbrowser.open(address)
 
     worker.ask("start", {})
     try:
-        serve(app, args.port, told, token)
+        serve(app, args.host, args.port, told, token)
     finally:
         worker.close()
     return 0
@@ -84,14 +79,14 @@ def run(args: argparse.Namespace) -> int:
 OWN = ("studio.js", "studio.css", "page.js", "intake.js")
 
 
-def application(worker: Worker, token: str, hosts: list[str], folder: Path | None = None) -> Any:
+def application(worker: Worker, token: str, hosts: Hosts, folder: Path | None = None) -> Any:
     """ASGI application of the studio; see `hil.web.site.site`.
 
     Parameters
     ----------
     worker : Worker
         Computes.
-    token, hosts, folder : str, list of str, Path
+    token, hosts, folder : str, Hosts, Path
         As `hil.web.site.site`.
     """
 

@@ -6,20 +6,20 @@ import argparse
 import secrets
 import threading
 import time
-import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hil import terminal
+from hil.commands.common import add_page, tell_page
 from hil.commands.run import add_rearm
 from hil.errors import ConfigError
 from hil.rig.config import load_rig
 from hil.ui.desk import Desk
 from hil.ui.scene import Scene
-from hil.web.site import serve, site
+from hil.web.site import Hosts, serve, site
 
-EXAMPLE = "hil ui teleop -o sessions --clock real"
+EXAMPLE = "hil ui teleop -o sessions"
 #: How often the page that commands is looked after [s].
 _WATCHED = 0.2
 
@@ -34,10 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=float, default=3600.0, help="longest session [s] (default 3600)"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
-    parser.add_argument("--port", type=int, default=0, help="port; default: a free one")
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address, and open no browser"
-    )
+    add_page(parser)
     add_rearm(parser)
 
 
@@ -54,22 +51,39 @@ def run(args: argparse.Namespace) -> int:
     done = threading.Event()
     threading.Thread(target=_watch, args=(desk, done), daemon=True).start()
 
-    def told(address: str) -> None:
-        terminal.out(f"The operator's page is open at {address}")
+    app = application(desk, token, config.name, Scene(config), Hosts(args.host))
+
+    def told(here: str, there: str) -> None:
+        power = "can move the arms"
+        tell_page("The operator's page", here, there, power, not args.no_browser)
         terminal.out("Ctrl-C ends the page and the session")
-        if not args.no_browser:
-            webbrowser.open(address)
 
     try:
-        serve(application(desk, token, config.name, Scene(config)), args.port, told, token)
+        serve(app, args.host, args.port, told, token)
     finally:
         done.set()
         desk.close()
     return 0
 
 
-def application(desk: Desk, token: str, rig: str, scene: Scene | None = None) -> Any:
-    """ASGI application of the operator's page."""
+def application(
+    desk: Desk, token: str, rig: str, scene: Scene | None = None, hosts: Hosts | None = None
+) -> Any:
+    """ASGI application of the operator's page.
+
+    Parameters
+    ----------
+    desk : Desk
+        Session and its commands.
+    token : str
+        As `hil.web.site.site`.
+    rig : str
+        Name of the rig.
+    scene : Scene, optional
+        What is drawn of it.
+    hosts : Hosts, optional
+        As `hil.web.site.site`; without, this machine alone.
+    """
 
     def page(given: Mapping[str, Any]) -> str:
         name = given.get("page")
@@ -82,7 +96,7 @@ def application(desk: Desk, token: str, rig: str, scene: Scene | None = None) ->
         if scene is not None:
             session = seen["session"]
             seen |= {"places": scene.arms(session), "margin": scene.margin(session)}
-            seen |= {"joints": scene.joints()}
+            seen |= {"joints": scene.joints(), "gel": scene.gel}
         return seen
 
     def take(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,8 +111,8 @@ def application(desk: Desk, token: str, rig: str, scene: Scene | None = None) ->
         return desk.command(page(given), given, time.monotonic())
 
     requests = {"take": take, "begin": begin, "command": command}
-    return site("hil.ui", ("ui.js", "ui.css", "space.js"), {"view": view}, requests, token,
-                ["127.0.0.1", "localhost", "testserver"])  # fmt: skip
+    own = ("ui.js", "ui.css", "space.js")
+    return site("hil.ui", own, {"view": view}, requests, token, hosts or Hosts())
 
 
 def _watch(desk: Desk, done: threading.Event) -> None:

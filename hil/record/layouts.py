@@ -187,6 +187,10 @@ def foxglove_path(c: Curve) -> str:
     return ".".join((c.topic, *steps))
 
 
+#: Keys under which Foxglove and Lichtblick keep the title of a panel.
+PANEL_TITLES = ("foxglovePanelTitle", "lichtblickPanelTitle")
+
+
 def foxglove(layout: list[Page]) -> str:
     """Layout of Foxglove and Lichtblick: a tab a page, a plot a panel."""
     configs: dict[str, object] = {}
@@ -196,7 +200,7 @@ def foxglove(layout: list[Page]) -> str:
         for panel in page.panels:
             names.append(f"Plot!hil{len(configs)}")
             configs[names[-1]] = {
-                "title": panel.heading,
+                **dict.fromkeys(PANEL_TITLES, panel.heading),
                 "paths": [
                     {
                         "value": foxglove_path(c),
@@ -210,12 +214,17 @@ def foxglove(layout: list[Page]) -> str:
                 "isSynced": True,
                 "legendDisplay": "floating",
                 "showLegend": True,
+                "showPlotValuesInLegend": False,
+                "sidebarDimension": 240,
                 "showXAxisLabels": True,
                 "showYAxisLabels": True,
                 "xAxisVal": "timestamp",
             }
         tabs.append({"title": page.title, "layout": _split(names)})
-    configs["RawMessages!events"] = {"topicPath": "/events"}
+    configs["RawMessages!events"] = {
+        **dict.fromkeys(PANEL_TITLES, "Events"),
+        "topicPath": "/events",
+    }
     tabs.append({"title": "Events", "layout": "RawMessages!events"})
     configs["Tab!hil"] = {"activeTabIdx": 0, "tabs": tabs}
     table = {
@@ -253,9 +262,14 @@ def plotjuggler_name(c: Curve) -> str:
     return "/".join((c.topic, *steps))
 
 
+#: Of the layout; the first releases of PlotJuggler 3 ask before they take another or none, later
+#: ones do not read it.
+LAYOUT_VERSION = "2.3.8"
+
+
 def plotjuggler(layout: list[Page]) -> str:
     """Layout of PlotJuggler: a tab a page, panels below each other."""
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<root>"]
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f'<root version="{LAYOUT_VERSION}">']
     lines.append(' <tabbed_widget parent="main_window" name="Main Window">')
     for page in layout:
         n = len(page.panels)

@@ -316,6 +316,36 @@ class EstimatorConfig:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class GelConfig:
+    """Table ``[gel]``: a block that an arm presses into, for the operator's page to draw.
+
+    Parameters
+    ----------
+    arm : str
+        The arm; empty: none is declared.
+    centre : tuple of float
+        Middle of its surface in the arm's base frame, whose z points up [m].
+    size : tuple of float
+        Length along x, along y, and thickness [m].
+    """
+
+    arm: str = ""
+    centre: tuple[float, ...] = ()
+    size: tuple[float, ...] = (0.12, 0.12, 0.03)
+
+    def __post_init__(self) -> None:
+        if bool(self.arm) != (len(self.centre) == 3) or len(self.centre) not in (0, 3):
+            raise ConfigError(
+                "[gel]: needs an arm, and with it centre = [x, y, z], the middle of the surface "
+                "in the base frame of that arm [m]."
+            )
+        if len(self.size) != 3 or min(self.size) <= 0.0:
+            raise ConfigError(
+                "[gel]: size = [length along x, along y, thickness] needs three lengths above 0 m."
+            )
+
+
 SCHEMA = "hil.rig/1"
 #: sim: ideal wires.  sim-wire: the same drivers as on hardware, on simulated buses.  The others
 #: are the hardware: "hardware" every box on its own bus, or the name of that bus; and "replay",
@@ -334,6 +364,8 @@ class RigConfig:
         Of the rig.
     backend : str
         Back end of every device that does not name its own.
+    gel : GelConfig
+        What an arm presses into, as it is drawn.
     simulation : mapping
         Table that the simulator reads; it never reaches a session.
     """
@@ -349,6 +381,7 @@ class RigConfig:
     record: RecordConfig = field(default_factory=RecordConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     estimators: Mapping[str, EstimatorConfig] = field(default_factory=dict)
+    gel: GelConfig = field(default_factory=GelConfig)
     simulation: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -358,6 +391,8 @@ class RigConfig:
             _one_of("arm", device.arm, self.arms)
         for arm in self.controller.arms:
             _one_of("arm of the controller", arm, self.arms)
+        if self.gel.arm:
+            _one_of("arm of [gel]", self.gel.arm, self.controller.arms)
         many = {len(self.arms[arm].joints) for arm in self.controller.arms}
         if len(many) > 1:
             raise ConfigError(

@@ -261,6 +261,18 @@ def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: flo
     )
 
 
+def lamps(numbers: FloatArray) -> tuple[float, float]:
+    """Forces [N] from which the lamps of an arm are yellow and red; 0 where it has none.
+
+    Parameters
+    ----------
+    numbers : ndarray
+        Of `limits`.
+    """
+    yellow, red = (float(x) for x in numbers[_FORCE : _FORCE + 2])
+    return (yellow if isfinite(yellow) else 0.0, red if isfinite(red) else 0.0)
+
+
 @nb.njit(cache=True, nogil=True)
 def snap(values: Any, grid: float) -> bool:
     """Round `values` in place to multiples of `grid`; False if one is not a number."""

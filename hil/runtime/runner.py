@@ -20,7 +20,7 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
-from hil.rig.safety import beyond, sentence
+from hil.rig.safety import beyond, lamps, sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded
@@ -219,10 +219,8 @@ class Session:
                     "velocity": qd.tolist(),
                     "force": wrench[:3].tolist(),
                     "effort": effort.tolist(),
-                    "lamps": [
-                        self.config.arms[name].force_yellow,
-                        self.config.arms[name].force_red,
-                    ],
+                    "sensed": self.rig.ports[i].force is not None,
+                    "lamps": list(lamps(self.rig.ports[i].limits)),
                 }
         figures = self.statistics.figures().as_dict()
         return {

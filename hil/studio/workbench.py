@@ -64,6 +64,26 @@ class Inputs:
     made: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class WorkStep:
+    """One command that makes a model of the one before.
+
+    Parameters
+    ----------
+    verb : str
+        Command of the program.
+    before, after : tuple of str
+        Its words before and behind the sessions.
+    plugins : tuple of str
+        Files of effects that the model names.
+    """
+
+    verb: str
+    before: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
+    plugins: tuple[str, ...] = ()
+
+
 @dataclass
 class StudioRung:
     """One model of the stack.
@@ -74,13 +94,13 @@ class StudioRung:
         What was done to get it.
     model : RobotModel
         As it was asked for; fitted in `found`.
-    command : str
-        The same on the command line; empty where there is none.
+    steps : tuple of WorkStep
+        How the command line makes it of the first model.
     """
 
     label: str
     model: RobotModel
-    command: str = ""
+    steps: tuple[WorkStep, ...] = ()
     found: Comparison | None = None
     #: File to which the fitted model was saved; empty: none.
     file: str = ""
@@ -108,6 +128,8 @@ class Workbench:
     #: before: first the ladder alone, then with curves, learnt effects and parameters.
     early: Callable[[dict[str, Any]], None] = lambda look: None
 
+    #: Steps to the model that the diagnosis recommends.
+    _diagnosed: tuple[WorkStep, ...] = ()
     #: The last comparison that was made: the next one uses what it made of the motion.
     before: Comparison | None = None
 
@@ -133,13 +155,15 @@ class Workbench:
         options: dict[str, object] = {"per_run": True} if several else {}
         model = self.now.model + Use(effect, joints, options)
         where = "" if joints == ("*",) else f" on {joint}"
-        chosen = [] if joints == ("*",) else ["--joint", joint]
-        command = self._command("add", effect, *chosen, "-o", "better.toml")
-        return self._push(StudioRung(f"+ {effect}{where}", model, command))
+        chosen = () if joints == ("*",) else ("--joint", joint)
+        step = WorkStep("add", (effect,), chosen, model.plugins)
+        return self._push(StudioRung(f"+ {effect}{where}", model, (*self.now.steps, step)))
 
     def remove(self, effect: str) -> dict[str, Any]:
         """Take an effect out of the current model and refit it."""
-        return self._push(StudioRung(f"- {effect}", self.now.model - effect))
+        model = self.now.model - effect
+        step = WorkStep("fit", (), ("--without", effect), model.plugins)
+        return self._push(StudioRung(f"- {effect}", model, (*self.now.steps, step)))
 
     def undo(self) -> dict[str, Any]:
         """Back to the model before."""
@@ -168,7 +192,9 @@ class Workbench:
 
     def diagnose(self) -> dict[str, Any]:
         """Run the whole diagnosis on the current model; its rungs become the stack."""
-        self.diagnosis = diagnose(list(self.inputs.runs), self.now.model, list(self.inputs.held))
+        now = self.now
+        self.diagnosis = diagnose(list(self.inputs.runs), now.model, list(self.inputs.held))
+        self._diagnosed = (*now.steps, WorkStep("improve", plugins=now.model.plugins))
         return self.state()
 
     def take(self) -> dict[str, Any]:
@@ -176,8 +202,7 @@ class Workbench:
         if self.diagnosis is None or not self.diagnosis.ladder:
             raise ConfigError("there is no diagnosis yet; press Diagnose first")
         names = " + ".join(f.effect for f in self.diagnosis.findings) or "corrections"
-        return self._push(StudioRung(f"diagnosis: {names}", self.diagnosis.model,
-                               self._command("improve", "", "-o", "better.toml")))  # fmt: skip
+        return self._push(StudioRung(f"diagnosis: {names}", self.diagnosis.model, self._diagnosed))
 
     def save(self, path: str) -> dict[str, Any]:
         """Write the current fitted model; only over an older model file."""
@@ -211,28 +236,31 @@ class Workbench:
                 if file.exists():
                     raise ConfigError(f"cannot write {file}: a file is there; choose another name")
         except HilError:
-            if fresh:
-                source.unlink()
+            for file in fresh:
+                file.unlink()
             raise
         for file, text in files.items():
             file.write_text(text, encoding="utf-8")
         self.now.file = str(source.resolve())
         notes = [*(f"lost: {x}" for x in made.lost), *made.notes]
-        written = [*files, *([source] if fresh else [])]
-        return {"saved": ", ".join(str(f.resolve()) for f in written), "notes": notes}
+        return {"saved": ", ".join(str(f.resolve()) for f in (*files, *fresh)), "notes": notes}
 
-    def _file_of_model(self, place: Path) -> tuple[Path, bool]:
-        """File of the current model, and whether it was written now, beside an export."""
+    def _file_of_model(self, place: Path) -> tuple[Path, list[Path]]:
+        """File of the current model, and the files that were written for it, beside an export."""
         if self.now.file and Path(self.now.file).is_file():
-            return Path(self.now.file), False
-        source = place.with_suffix(".toml")
+            return Path(self.now.file), []
+        model = self.compared().result.model
+        # a description has the stem of its model, and must not stand where the exported one goes
+        source = place.with_suffix(".model.toml" if model.robot.urdf else ".toml")
+        description = source.with_suffix(".urdf")
         if source.exists():
             raise ConfigError(
                 f"cannot write {source} beside {place}: a file is there; save the model first, or "
                 "choose another name"
             )
-        write_model(self.compared().result.model, source)
-        return source, True
+        fresh = [source, *([description] if model.robot.urdf and not description.exists() else [])]
+        write_model(model, source)
+        return source, fresh
 
     def report(self, path: str) -> dict[str, Any]:
         """Write the report of the diagnosis, or of the comparison where there is none."""
@@ -304,14 +332,28 @@ class Workbench:
             look | {"series": curves, "learnt": _learnt(result), "model": _model(result.model)}
         )
 
-    def _command(self, verb: str, effect: str, *more: str) -> str:
-        """The same on the command line."""
-        i = self.inputs
-        words = ["hil", verb, *([effect] if effect else []), *i.sessions]
-        words += ["--model", i.model_file] if i.model_file else []
-        words += [w for h in i.holdout for w in ("--holdout", h)]
-        words += ["--arm", i.arm] if i.arm else []
-        return shlex.join([*words, *more])
+    def _commands(self) -> list[str]:
+        """How the command line makes the current model, and shows what the page shows of it.
+
+        Every command takes what the last one wrote.
+        """
+        i, out = self.inputs, []
+        model, known = i.model_file, set(i.model.plugins)
+        show = WorkStep("compare", plugins=self.now.model.plugins)
+        for k, step in enumerate((*self.now.steps, show)):
+            words = ["hil", step.verb, *step.before, *i.sessions]
+            words += ["--model", model] if model else []
+            words += [w for p in step.plugins if p not in known for w in ("--plugin", p)]
+            # a fit judges on nothing
+            held = i.holdout if step.verb != "fit" else ()
+            words += [w for h in held for w in ("--holdout", h)]
+            words += ["--arm", i.arm] if i.arm else []
+            words += step.after
+            if step is not show:
+                model, known = f"better{k + 1 if k else ''}.toml", known | set(step.plugins)
+                words += ["-o", model]
+            out.append(shlex.join(words))
+        return out
 
     # ------------------------------------------------------------ what the page shows
 
@@ -342,10 +384,7 @@ class Workbench:
             if d is None
             else diagnosis_json(d)
             | {"text": sentences.headline(from_diagnosis(d, simulated=False))},
-            "commands": [
-                *self.inputs.made,
-                *(r.command for r in self.stack[: self.at + 1] if r.command),
-            ],
+            "commands": [*self.inputs.made, *self._commands()],
         }
 
     def _beside(self, c: Comparison) -> dict[str, Any] | None:
@@ -420,8 +459,9 @@ def _value(name: str, v: Value) -> dict[str, Any]:
 
 
 def _learnt(result: FitResult) -> list[dict[str, Any]]:
-    """Every effect beside the base over its own variable: the data and the law, in bins."""
+    """Every effect beside the base over its own variable: data and law in bins, and points."""
     out = []
+    t, pick = result.problem.t, _picked(result.problem.n)
     plain = set(base_model(result.model.robot).names())
     for use in result.model.effects:
         if use.type in plain:
@@ -438,6 +478,11 @@ def _learnt(result: FitResult) -> list[dict[str, Any]]:
                     "joint": joint,
                     "label": v.label,
                     **_binned(v.x, fit.partial * sign, fit.effort * sign, v.edges),
+                    "points": {
+                        "t": _short(t, pick),
+                        "x": _short(v.x, pick),
+                        "y": _short(fit.partial * sign, pick),
+                    },
                 }
             )
     return out
@@ -458,24 +503,29 @@ def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | N
     }
 
 
+def _picked(n: int) -> Any:
+    """Samples of n that are drawn as points."""
+    return np.arange(0, n, max(1, -(-n // POINTS)))
+
+
+def _short(values: Any, pick: Any) -> list[float | None]:
+    return [number(float(v), 4) for v in values[pick]]
+
+
 def _series(result: FitResult, floor: FloatArray) -> dict[str, Any]:
     """Residual and motion of every joint on the fitted runs, thinned for drawing."""
     p = result.problem
-    pick = np.arange(0, p.n, max(1, -(-p.n // POINTS)))
-
-    def short(values: Any) -> list[float | None]:
-        return [number(float(v), 4) for v in values[pick]]
-
+    pick = _picked(p.n)
     return {
-        "t": short(p.t),
+        "t": _short(p.t, pick),
         "run": p.run[pick].tolist(),
         "joints": [
             {
                 "trace": _trace(p.t, p.run, result.residual[j]),
-                "residual": short(result.residual[j]),
-                "effort": short(p.effort[j]),
-                "position": short(p.q[j]),
-                "speed": short(p.qd[j]),
+                "residual": _short(result.residual[j], pick),
+                "effort": _short(p.effort[j], pick),
+                "position": _short(p.q[j], pick),
+                "speed": _short(p.qd[j], pick),
                 "floor": number(float(floor[j])),
             }
             for j in range(p.d)

@@ -15,9 +15,8 @@ import numpy as np
 from hil import registry
 from hil.errors import HilError
 from hil.models.robots import bare_robot
-from hil.record.recording import RobotSource
 from hil.report.json import number
-from hil.rig.config import RigConfig
+from hil.rig.config import RigConfig, robot_source
 from hil.teleop import gate, law_parameters
 from hil.toml import parse
 
@@ -32,11 +31,18 @@ class Scene:
     ----------
     config : RigConfig
         The rig.
+
+    Attributes
+    ----------
+    gel : dict or None
+        What an arm presses into: its ``arm``, the ``centre`` of its surface and its ``size`` along
+        x, y and down [m], in the base frame of the arm.
     """
 
     def __init__(self, config: RigConfig) -> None:
         self._config = config
         self._robots = {name: _robot(config, name) for name in config.controller.arms}
+        self.gel = _gel(config, self._robots)
         self._lock = threading.Lock()
         self._asked: Any = None
         self._margin: dict[str, Any] = {"level": "", "text": "", "axes": []}
@@ -121,11 +127,33 @@ def margins_of(law: str, parameters: Any, period: float) -> dict[str, Any]:
     }
 
 
+def _gel(config: RigConfig, robots: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The gel that the rig file declares, else that of the simulation; None without any.
+
+    A simulated one is an endless plane under the place where its arm begins; a block of the usual
+    size under that place is drawn.
+    """
+    declared, table = config.gel, config.simulation.get("gel", {})
+    if declared.arm:
+        return {"arm": declared.arm, "centre": [*declared.centre], "size": [*declared.size]}
+    arm, below = table.get("arm"), table.get("below_home")
+    robot, home = robots.get(arm), config.simulation.get("home")
+    if (
+        robot is None
+        or not hasattr(robot, "places")
+        or not isinstance(below, int | float)
+        or not home
+    ):
+        return None
+    x, y, z = robot.places(np.array(home, dtype=np.float64))[-1]
+    centre = [number(float(v), 5) for v in (x, y, z - below)]
+    return {"arm": arm, "centre": centre, "size": [*declared.size]}
+
+
 def _robot(config: RigConfig, name: str) -> Any:
     """Robot of an arm; None where it has no geometry that is known here."""
     table = config.arms[name]
     try:
-        robot = bare_robot(RobotSource(table.robot, tip=table.tip), tuple(table.joints))
+        return bare_robot(robot_source(table), tuple(table.joints))
     except HilError:
         return None
-    return robot

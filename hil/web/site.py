@@ -7,8 +7,10 @@ header, which no other site can send.  Nothing is loaded from outside.
 from __future__ import annotations
 
 import contextlib
+import errno
 import filecmp
 import hmac
+import ipaddress
 import json
 import os
 import re
@@ -21,6 +23,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mappin
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from hil.errors import ConfigError
 
@@ -39,13 +42,53 @@ _FILE_NAME = re.compile(r"[^/\\\x00-\x1f.][^/\\\x00-\x1f]{0,199}")
 Answer = Callable[[Mapping[str, Any]], Any]
 
 
+#: Address of this machine alone, and those that stand for all of its addresses.
+LOOPBACK, _ALL = "127.0.0.1", ("0.0.0.0", "::")
+
+
+class Hosts:
+    """Names by which a page may be asked.
+
+    A site elsewhere can have its own name stand for an address of this machine, and so have a
+    browser ask the page as if it were its own.  Such a name is not in here; an address in numbers
+    is nobody's name.
+
+    Parameters
+    ----------
+    host : str
+        Address on which the page listens; one that stands for all lets in every address in
+        numbers, and the name of this machine.
+    """
+
+    def __init__(self, host: str = LOOPBACK) -> None:
+        self._all = host in _ALL
+        mine = (socket.gethostname(), socket.getfqdn()) if self._all else (host,)
+        self._names = {LOOPBACK, "::1", "localhost", *(name.lower() for name in mine)}
+
+    def __contains__(self, header: str) -> bool:
+        """Whether the field ``Host`` of a request names this page."""
+        try:
+            name = urlsplit(f"//{header}").hostname or ""
+        except ValueError:
+            return False
+        return name in self._names or (self._all and _is_numbers(name))
+
+
+def _is_numbers(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
 def site(
     package: str,
     own: tuple[str, ...],
     questions: Mapping[str, Answer],
     requests: Mapping[str, Answer],
     token: str,
-    hosts: list[str],
+    hosts: Hosts,
     folder: Path | None = None,
 ) -> Any:
     """ASGI application of a page.
@@ -60,7 +103,7 @@ def site(
         Answers of ``GET /api/NAME`` (its query as the object) and ``POST /api/NAME``.
     token : str
         Secret of the printed address.
-    hosts : list of str
+    hosts : Hosts
         Names by which the server may be asked.
     folder : Path, optional
         Where ``POST /api/file?name=NAME`` puts a file; without, no file is taken.
@@ -73,7 +116,6 @@ def site(
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
-        from starlette.middleware.trustedhost import TrustedHostMiddleware
         from starlette.requests import Request
         from starlette.responses import JSONResponse, Response
         from starlette.routing import Route
@@ -137,6 +179,16 @@ def site(
         except ConfigError as error:
             return JSONResponse({"error": str(error)}, 400)
 
+    def named(app: Any) -> Any:
+        async def wrapped(scope: Any, receive: Any, send: Any) -> None:
+            ours = scope["type"] != "http" or Request(scope).headers.get("host", "") in hosts
+            answering = (
+                app if ours else answer(b"This page has another address.", "text/plain", 400)
+            )
+            await answering(scope, receive, send)
+
+        return wrapped
+
     return Starlette(
         routes=[
             Route("/", page),
@@ -145,7 +197,7 @@ def site(
             *(Route(f"/api/{name}", handler(f)) for name, f in questions.items()),
             *(Route(f"/api/{name}", handler(f), methods=["POST"]) for name, f in requests.items()),
         ],
-        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
+        middleware=[Middleware(named)],
         exception_handlers={404: elsewhere, 405: elsewhere},
     )
 
@@ -203,39 +255,68 @@ async def _store(parts: AsyncIterator[bytes], folder: Path, name: str) -> str:
     return name
 
 
-def serve(app: Any, port: int, told: Callable[[str], None], token: str) -> None:
-    """Serve an application on this machine alone until Ctrl-C.
+def serve(app: Any, host: str, port: int, told: Callable[[str, str], None], token: str) -> None:
+    """Serve an application until Ctrl-C.
 
     Parameters
     ----------
     app : ASGI application
         From `site`.
+    host : str
+        Address on which it listens; `LOOPBACK` is this machine alone.
     port : int
         0 takes a free one.
     told : callable
-        Takes the address with the token.
+        Takes the address with the token, and that for other machines; empty: for none.
     token : str
         Secret.
 
     Raises
     ------
     ConfigError
-        If the port cannot be taken.
+        If the address or the port cannot be taken.
     """
     import uvicorn
 
     if not 0 <= port <= 65_535:
         raise ConfigError(f"--port {port}: a number from 0 to 65535 is needed")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        listening = socket.create_server(("127.0.0.1", port))
+        socket.getaddrinfo(host, port, family)
+        listening = socket.create_server((host, port), family=family)
+    except (socket.gaierror, UnicodeError) as error:
+        raise ConfigError(f"--host {host}: no such address; give one of this machine") from error
     except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise ConfigError(
+                f"--host {host}: no address of this machine; 0.0.0.0 stands for all of them"
+            ) from error
         raise ConfigError(
             f"--port {port}: {error.strerror}; choose another one, or none"
         ) from error
-    told(f"http://127.0.0.1:{listening.getsockname()[1]}/?token={token}")
+    taken = listening.getsockname()[1]
+    here, there = (LOOPBACK, _seen_from_outside(family)) if host in _ALL else (host, host)
+    at = [f"http://{f'[{h}]' if ':' in h else h}:{taken}/?token={token}" for h in (here, there)]
+    told(at[0], "" if _is_loopback(there) else at[1])
     config = uvicorn.Config(app, log_level="warning", lifespan="off")
     with _terminated():
         uvicorn.Server(config).run(sockets=[listening])
+
+
+def _is_loopback(host: str) -> bool:
+    return host == "localhost" or (_is_numbers(host) and ipaddress.ip_address(host).is_loopback)
+
+
+def _seen_from_outside(family: socket.AddressFamily) -> str:
+    """Address of this machine on the network to which it sends; its name where it has none."""
+    # an address for documentation (RFC 5737, RFC 3849): a route is asked for, nothing is sent
+    elsewhere = "2001:db8::1" if family == socket.AF_INET6 else "192.0.2.1"
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((elsewhere, 9))
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])
 
 
 @contextlib.contextmanager

@@ -69,6 +69,20 @@ def test_all_panels_of_foxglove_have_a_place(messages):
     assert sorted([*used, layout["layout"]]) == sorted(layout["configById"])
 
 
+def test_every_panel_of_foxglove_and_lichtblick_has_a_title_with_its_unit(messages):
+    """Each program has its own key for it; a panel without one is called "Plot"."""
+    layout = json.loads(text_of("foxglove"))
+    panels = {n: c for n, c in layout["configById"].items() if not n.startswith("Tab!")}
+    for key in ("foxglovePanelTitle", "lichtblickPanelTitle"):
+        titles = [c[key] for c in panels.values()]
+        assert "/leader/measured_js position [rad]" in titles and "Events" in titles
+        assert len(titles) == len(set(titles)) == len(panels)
+
+
+def test_no_release_of_plotjuggler_3_asks_about_the_layout():
+    assert ET.fromstring(text_of("plotjuggler")).get("version") == "2.3.8"
+
+
 def series(topic, schema, message):
     """Names that PlotJuggler gives to the numbers of a message: of joints by their names."""
     if schema.endswith("/JointState"):

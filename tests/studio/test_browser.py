@@ -103,6 +103,22 @@ def test_a_table_is_picked_and_an_own_effect_ranked_and_the_model_exported(page,
     page.get_by_role("button", name=re.compile("Add stribeck")).click()
     page.locator("#ladder .rung.now", has_text="+ stribeck").wait_for()
     page.locator("#said", has_text="Ready.").wait_for()
+    # laws side by side keep their shape, and show the part that is dragged over
+    page.get_by_role("button", name=re.compile("Add eyelet-drag")).click()
+    page.locator("#ladder .rung.now", has_text="+ eyelet-drag").wait_for()
+    page.locator("#said", has_text="Ready.").wait_for()
+    sizes = page.locator("#learnt canvas").evaluate_all(
+        "all => all.map(c => c.width - c.clientWidth * window.devicePixelRatio)"
+    )
+    assert len(sizes) == 2 and all(abs(x) <= 1 for x in sizes)
+    picture = page.locator("#learnt canvas").first.evaluate("c => c.toDataURL()")
+    page.locator("#residual").focus()
+    page.keyboard.press("ArrowRight")
+    told = page.locator("#brushed").inner_text()
+    assert re.search(r"error [\d.e-]+ N m, [\d.]+ times the floor", told)
+    assert page.locator("#learnt canvas").first.evaluate("c => c.toDataURL()") != picture
+    page.get_by_role("button", name="Whole recording").click()
+    assert page.locator("#learnt canvas").first.evaluate("c => c.toDataURL()") == picture
     page.locator("#beside").select_option(label="base model")
     page.locator("#key-beside", has_text="base model").wait_for()
     page.locator("#said", has_text="Ready.").wait_for()

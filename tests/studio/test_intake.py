@@ -1,16 +1,20 @@
 """Files that come in through the page: picked columns, what is wrong, own effects, export."""
 
 import json
+import shlex
 
 import numpy as np
 import plants
 import pytest
 
 from hil import consent
+from hil.cli import main
 from hil.errors import ConfigError, DataError, HilError
 from hil.models import catalogue
+from hil.models.files import read_model
 from hil.models.model import base_model
 from hil.record import mcap_read
+from hil.record.export import write_recordings
 from hil.record.mapfile import read_map
 from hil.record.tables import import_table
 from hil.studio import intake
@@ -73,7 +77,10 @@ def test_a_messy_table_becomes_a_session_that_the_command_line_repeats(here):
     assert told["good"] and told["unused"] == ["loop count"]
     state = session.ask("bring", {"picks": json.dumps(picks()), "output": "run.mcap", "use": "new"})
     assert state["sessions"] == ["run.mcap"] and state["candidates"]
-    assert state["commands"] == ["hil import run.csv --map run.map.toml -o run.mcap"]
+    assert state["commands"] == [
+        "hil import run.csv --map run.map.toml -o run.mcap",
+        "hil compare run.mcap",
+    ]
     held = mcap_read.load(here / "run.mcap", None)
     assert held.q[:, 0] == pytest.approx(r.q[:, 0], abs=1e-7)
     assert held.tau[:, 0] == pytest.approx(r.tau[:, 0], abs=1e-6)
@@ -179,6 +186,42 @@ def test_an_own_effect_is_agreed_to_checked_and_ranked(begun):
     assert (folder / "my_effects.py").read_text() == TEMPLATE
     session.ask("learn", given | {"text": renamed, "agreed": "yes", "path": "more.py"})
     assert "eyelet-rub" in catalogue.table()
+
+
+def test_the_commands_that_are_shown_make_the_same_models(begun, capsys):
+    """Every command takes the model that the last one wrote, own effects and removals too."""
+    _, folder = begun
+    for name, seed in (("a.mcap", 1), ("b.mcap", 2)):
+        write_recordings(folder / name, [plants.stribeck_axis(seed)])
+    session = StudioSession()
+    session.ask("open", {"path": "a.mcap", "use": "fit"})
+    first = session.ask("open", {"path": "b.mcap", "use": "holdout"})
+    session.ask("learn", {"path": "my_effects.py", "text": TEMPLATE, "agreed": "yes"})
+    (joint,) = first["joints"]
+    states = [
+        session.ask("add", {"effect": "eyelet-drag", "joint": joint}),
+        session.ask("add", {"effect": "stribeck", "joint": joint}),
+        session.ask("remove", {"effect": "eyelet-drag"}),
+    ]
+    judged, plugin = "--holdout b.mcap", folder / "my_effects.py"
+    steps = [
+        f"hil add eyelet-drag a.mcap --plugin {plugin} {judged} --joint {joint} -o better.toml",
+        f"hil add stribeck a.mcap --model better.toml {judged} --joint {joint} -o better2.toml",
+        "hil fit a.mcap --model better2.toml --without eyelet-drag -o better3.toml",
+    ]
+    for k, (state, name) in enumerate(zip(states, ("", "2", "3"), strict=True)):
+        shown = f"hil compare a.mcap --model better{name}.toml {judged}"
+        assert state["commands"] == [*steps[: k + 1], shown]
+        assert main(shlex.split(steps[k])[1:]) == 0
+        capsys.readouterr()
+        assert main([*shlex.split(shown)[1:], "--json"]) == 0
+        (answer,) = json.loads(capsys.readouterr().out)["joints"]
+        (there,) = state["ladder"][-1]["joints"]
+        assert answer["relative"] == pytest.approx(there["relative"], rel=2e-3)
+        made, model = read_model(folder / f"better{name}.toml"), session.bench.stack[k + 1].model
+        assert made.names() == model.names()
+    # where a model was left, its commands are left too
+    assert session.ask("go", {"at": "1"})["commands"] == states[0]["commands"]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from hil.commands.studio import application
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.web.site import LARGEST, POLICY
+from hil.web.site import LARGEST, POLICY, Hosts
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
 TOKEN = "secret"
@@ -41,7 +41,7 @@ class Worker:
 @pytest.fixture
 def page():
     worker = Worker()
-    app = application(worker, TOKEN, ["testserver"])
+    app = application(worker, TOKEN, Hosts("testserver"))
     return TestClient(app), worker
 
 
@@ -107,7 +107,7 @@ def test_what_is_no_request_is_said(page, body, status):
 
 @pytest.fixture
 def drop(tmp_path):
-    client = TestClient(application(Worker(), TOKEN, ["testserver"], tmp_path))
+    client = TestClient(application(Worker(), TOKEN, Hosts("testserver"), tmp_path))
 
     def send(name, content, token=TOKEN):
         head = {"X-Hil-Token": token}

@@ -44,7 +44,8 @@ def test_the_first_answer_shows_everything_as_json(begun):
     residual = begun[0].compared().result.residual[0]
     assert max(map(abs, trace["y"])) == pytest.approx(abs(residual).max(), rel=1e-3)
     assert (state["sessions"], state["holdout"]) == (["a.mcap"], ["b.mcap"])
-    assert not state["learnt"] and state["diagnosis"] is None and not state["commands"]
+    assert not state["learnt"] and state["diagnosis"] is None
+    assert state["commands"] == ["hil compare a.mcap --holdout b.mcap"]
 
 
 def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_path):
@@ -59,7 +60,8 @@ def test_adding_an_effect_lets_the_ladder_fall_and_undo_raises_it(begun, tmp_pat
     assert (learnt["effect"], learnt["joint"]) == ("stribeck", joint)
     assert len(learnt["x"]) == len(learnt["data"]) == len(learnt["law"]) > 5
     assert added["commands"] == [
-        f"hil add stribeck a.mcap --holdout b.mcap --joint {joint} -o better.toml"
+        f"hil add stribeck a.mcap --holdout b.mcap --joint {joint} -o better.toml",
+        "hil compare a.mcap --model better.toml --holdout b.mcap",
     ]
     path = tmp_path / "better.toml"
     assert bench.save(str(path))["saved"] == str(path.resolve())
@@ -123,6 +125,23 @@ def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_pa
     with pytest.raises(ConfigError, match=r"a\.h: a file is there"):
         bench.export("c", str(tmp_path / "a.h"))
     assert not (tmp_path / "a.toml").exists()
+
+
+def test_a_described_arm_is_exported_as_a_description_and_a_refused_export_leaves_nothing(tmp_path):
+    """The model that is written beside has a description, too: not where the exported one goes."""
+    run = plants.spatial(1, 6.0)
+    bench = Workbench(Inputs((run,), (), base_model(run.robot), ("a.mcap",)))
+    bench.start()
+    taken = tmp_path / "taken.xml"
+    taken.write_text("mine")
+    with pytest.raises(ConfigError, match="a file is there"):
+        bench.export("mjcf", str(taken))
+    assert [p.name for p in tmp_path.iterdir()] == ["taken.xml"] and taken.read_text() == "mine"
+    saved = bench.export("urdf", str(tmp_path / "robot.urdf"))["saved"]
+    names = ["robot.model.toml", "robot.model.urdf", "robot.urdf"]
+    assert sorted(saved.split(", ")) == [str(tmp_path / n) for n in names]
+    assert "<robot" in (tmp_path / "robot.urdf").read_text()
+    assert read_model(tmp_path / "robot.model.toml").names() == bench.now.model.names()
 
 
 def test_what_cannot_be_added_leaves_the_stack(begun):

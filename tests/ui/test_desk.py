@@ -23,6 +23,7 @@ from hil.runtime.board import SIZE, BoardWriter, read_board
 from hil.runtime.commands import parse
 from hil.signals.state import OperatingState
 from hil.ui.desk import RATE, SILENCE, Desk
+from hil.web.site import Hosts
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
 ONE, OTHER = "page-one-1", "page-two-2"
@@ -183,7 +184,10 @@ def test_a_session_begins_when_none_runs(desk):
 
 def test_the_page_answers_requests_with_its_secret(desk):
     desk, made = desk
-    client, head = TestClient(application(desk, "secret", "teleop")), {"X-Hil-Token": "secret"}
+    client, head = (
+        TestClient(application(desk, "secret", "teleop", None, Hosts("testserver"))),
+        {"X-Hil-Token": "secret"},
+    )
     found = client.get("/?token=secret")
     assert found.status_code == 200 and "Emergency stop" in found.text
     for name in ("ui.js", "ui.css", "base.css", "plot.js"):
@@ -236,6 +240,10 @@ def test_a_session_shows_itself_and_keeps_notes(tmp_path):
     assert (
         number >= 8 and seen["state"] == "ENABLED" and set(seen["arms"]) == {"leader", "follower"}
     )
+    # the lamps of a rig file without thresholds are 60 and 85 % of the sensor's range [N]
+    for arm, most in (("leader", 125.0), ("follower", 12.0)):
+        assert seen["arms"][arm]["lamps"] == pytest.approx([0.6 * most, 0.85 * most])
+        assert seen["arms"][arm]["sensed"]
     last = load(tmp_path / "s.mcap", "leader")
     k = seen["tick"] - 1
     assert np.any(
@@ -244,6 +252,11 @@ def test_a_session_shows_itself_and_keeps_notes(tmp_path):
     assert "force_scale" in seen["settable"] and seen["record"].endswith("s.mcap")
     assert b"note first touch" in _events(tmp_path / "s.mcap")
     assert "session" in read_metadata(tmp_path / "s.mcap")
+
+
+def test_an_arm_without_a_force_sensor_shows_that(tmp_path):
+    seen, _ = shown(tmp_path, "arm6", 0.3)
+    assert not seen["arms"]["arm"]["sensed"] and seen["arms"]["arm"]["lamps"] == [0.0, 0.0]
 
 
 def shown(tmp_path, rig, seconds, over=None, schedule=()):

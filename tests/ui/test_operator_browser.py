@@ -10,6 +10,7 @@ import pytest
 
 from hil.record.container import read
 from hil.record.mcap_read import load
+from hil.ui.desk import SILENCE
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -39,6 +40,17 @@ def address(tmp_path):
         yield address
 
 
+#: Pixels of a canvas that are greener than anything but the gel.
+GREEN = """id => {
+  const c = document.getElementById(id), d = c.getContext("2d").getImageData(0, 0, c.width,
+    c.height).data;
+  let n = 0;
+  for (let k = 0; k < d.length; k += 4)
+    if (d[k + 3] && d[k + 1] > d[k] + 8 && d[k + 1] > d[k + 2] + 3) n++;
+  return n;
+}"""
+
+
 def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
     problems, outside = [], []
     with sync.sync_playwright() as playwright:
@@ -60,6 +72,16 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         page.get_by_role("button", name="Start").click()
         page.locator("#state", has_text="ENABLED").wait_for()
         assert page.get_by_role("button", name="Start").is_disabled()
+        # lamps of the sensors' ranges, and the gel from both sides
+        page.locator("#forces .lamp[data-level=good]", has_text="follower").wait_for()
+        page.locator("#forces .lamp[data-level=good]", has_text="leader").wait_for()
+        assert page.evaluate(GREEN, "space") > 500 and page.evaluate(GREEN, "above") > 5_000
+        # the page that commands is loaded anew: it goes on commanding, and nothing pauses
+        page.reload()
+        page.locator("#state", has_text="ENABLED").wait_for()
+        page.wait_for_timeout(1_000 * SILENCE + 1_000)
+        assert page.locator("#state").inner_text() == "ENABLED"
+        assert page.get_by_role("button", name="Take command").is_disabled()
         page.get_by_role("button", name="Mark").click()
         page.locator("#said", has_text="note mark").first.wait_for()
         page.get_by_role("button", name="Record off").click()
@@ -123,3 +145,49 @@ def test_what_a_page_does_not_know_it_does_not_show(tmp_path):
             page.locator("#next", has_text="that the new one printed").wait_for()
         window.close()
     assert not problems
+
+
+def test_on_another_address_a_person_needs_the_token(tmp_path):
+    """Without, with a wrong and a guessed token, from another site, in a frame, by another name."""
+    problems = []
+    with (
+        sync.sync_playwright() as playwright,
+        served(tmp_path, "--host", "0.0.0.0") as (program, _),
+    ):
+        told = program.stdout.readline()
+        there = re.search(r"http\S+", told)
+        if there is None:
+            pytest.skip("this machine has no address but its own")
+        base, _, token = there[0].partition("?token=")
+        number = re.search(r"//(.+):\d+/", base)[1]
+        rules = f"--host-resolver-rules=MAP evil.example {number}"
+        flags = ["--no-sandbox", rules]
+        window = playwright.chromium.launch(executable_path=BROWSER, args=flags)
+        page = window.new_page()
+        page.set_default_timeout(60_000)
+        guess = token[:-1] + ("A" if token[-1] != "A" else "B")
+        for wrong in ("", "?token=", "?token=wrong", f"?token={guess}"):
+            reply = page.goto(base + wrong)
+            assert reply.status == 403 and "Emergency" not in page.content()
+        assert page.goto(there[0].replace(number, "evil.example")).status == 400
+        page.goto("data:text/html,<p>elsewhere</p>")
+        asked = page.evaluate(
+            """async (url) => {
+              const body = JSON.stringify({ page: "page-of-evil", number: 1, text: "stop" });
+              try { return (await fetch(url, { method: "POST", mode: "no-cors", body })).type; }
+              catch (e) { return "refused"; }
+            }""",
+            f"{base}api/command",
+        )
+        assert asked in ("opaque", "refused")  # and it is a 403 that nobody can read
+        with_token = "url => fetch(url, { headers: { 'X-Hil-Token': 'x' } }).then(() => 1, () => 0)"
+        assert page.evaluate(with_token, f"{base}api/view?page=page-of-evil") == 0
+        page.goto(f"data:text/html,<iframe src='{there[0]}'></iframe>")
+        page.wait_for_timeout(500)
+        assert page.frames[1].url.startswith("chrome-error:")
+        page.on("pageerror", lambda e: problems.append(str(e)))
+        page.goto(there[0])
+        page.locator("#take:enabled").click()
+        page.locator("#begin:enabled").wait_for()
+        window.close()
+    assert not problems and not list(tmp_path.glob("*.mcap"))

@@ -93,6 +93,16 @@ function exports() {
   box.onchange();
 }
 
+const inside = (t) => !brush || (t >= brush[0] && t <= brush[1]);
+
+// how large the error of the joint is in the part that was dragged over
+function brushed(residual, floor, unit) {
+  if (!brush) return "Drag over a part to see it alone in the views below.";
+  const rms = Math.sqrt(residual.reduce((sum, x) => sum + x * x, 0) / residual.length);
+  const error = residual.length ? `: error ${rms.toPrecision(2)} ${unit}, ${(rms / floor).toFixed(2)} times the floor` : ": no sample";
+  return `${brush[0].toFixed(2)} to ${brush[1].toFixed(2)} s${error}`;
+}
+
 function draw() {
   const i = $("joint").selectedIndex, s = state.series, j = s.joints[i], unit = state.units[i];
   const y = `residual [${unit}]`;
@@ -103,7 +113,7 @@ function draw() {
   $("key").hidden = !beside;
   if (beside) { $("key-now").textContent = state.ladder[state.at].label; $("key-beside").textContent = state.beside.label; }
   $("residual").setAttribute("aria-label", `Residual of ${state.joints[i]} over time; the band is the noise floor`);
-  const keep = s.t.map((t) => !brush || (t >= brush[0] && t <= brush[1]));
+  const keep = s.t.map(inside);
   const part = (v) => v.filter((_, k) => keep[k]), residual = part(j.residual);
   const views = [["over-speed", j.speed, `speed [${state.motion[i]}/s]`, "speed"], ["over-position", j.position, `position [${state.motion[i]}]`, "position"], ["over-effort", j.effort, `effort [${unit}]`, "effort"]];
   for (const [id, values, label, name] of views) {
@@ -112,8 +122,8 @@ function draw() {
       layers: [{ kind: "points", x, y: residual, color: "--before" }] });
     $(id).setAttribute("aria-label", `Residual of ${state.joints[i]} over ${name}`);
   }
-  $("whole").hidden = !brush;
-  $("brushed").textContent = brush ? `${brush[0].toFixed(2)} to ${brush[1].toFixed(2)} s` : "Drag over a part to see it alone in the views below.";
+  $("whole").hidden = !brush; $("places-of").hidden = !brush;
+  $("brushed").textContent = brushed(residual, j.floor, unit);
 }
 
 function places() {
@@ -138,16 +148,24 @@ function candidates() {
 
 function learnt() {
   $("learnt-part").hidden = !state.learnt.length;
-  $("learnt").replaceChildren();
-  for (const f of state.learnt) {
+  $("learnt").replaceChildren(...state.learnt.map((f) => {
     const figure = el("figure"), canvas = el("canvas");
     canvas.setAttribute("height", 220); canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `${f.effect} on ${f.joint}: data and law`);
-    figure.append(canvas); $("learnt").append(figure);
-    const unit = state.units[state.joints.indexOf(f.joint)];
-    plot(canvas, { xs: range(f.x), ys: range([...f.data, ...f.law]), xlabel: f.label, ylabel: `effort [${unit}]`, title: `${f.effect} on ${f.joint}: data (grey), law (blue)`,
-      layers: [{ x: f.x, y: f.data, color: "--data", width: 2.4 }, { x: f.x, y: f.law, color: "--after", width: 1.8 }] });
-  }
+    figure.append(canvas); return figure;
+  }));
+  laws();
+}
+
+// every law over its data: their means, or the points of the part that was dragged over
+function laws() {
+  [...$("learnt").querySelectorAll("canvas")].forEach((canvas, k) => {
+    const f = state.learnt[k], p = f.points, unit = state.units[state.joints.indexOf(f.joint)];
+    const part = (v) => v.filter((_, i) => inside(p.t[i]));
+    const data = brush ? { kind: "points", x: part(p.x), y: part(p.y), color: "--data" } : { x: f.x, y: f.data, color: "--data", width: 2.4 };
+    plot(canvas, { xs: range(f.x), ys: range([...f.data, ...f.law, ...(brush ? data.y : [])]), xlabel: f.label, ylabel: `effort [${unit}]`,
+      title: `${f.effect} on ${f.joint}: data (grey), law (blue)`, layers: [data, { x: f.x, y: f.law, color: "--after", width: 1.8 }] });
+  });
 }
 
 function model() {
@@ -169,7 +187,7 @@ function model() {
 
 function notes() {
   $("warnings").replaceChildren(...(state.warnings.length ? state.warnings.map((w) => el("li", w)) : [el("li", "Nothing is wrong with the recording.")]));
-  $("commands").textContent = state.commands.join("\n") || "Nothing was changed yet.";
+  $("commands").textContent = state.commands.join("\n");
 }
 
 // ------------------------------------------------------------ what the user does
@@ -193,7 +211,7 @@ $("own-part").ontoggle = async () => {
   $("own-text").value ||= found.text; $("own-path").value ||= found.path;
 };
 $("joint").onchange = () => { draw(); places(); };
-$("whole").onclick = () => { brush = null; draw(); };
+$("whole").onclick = () => { brush = null; draw(); laws(); };
 $("save").onsubmit = (e) => { e.preventDefault(); ask("save", { path: $("path").value }); };
 $("report").onsubmit = (e) => { e.preventDefault(); ask("report", { path: $("page").value }); };
 const canvas = $("residual");
@@ -202,9 +220,9 @@ canvas.onpointermove = (e) => {
   if (!tab) return;
   const end = frame.inverse(e.offsetX);
   brush = [Math.min(asked, end), Math.max(asked, end)];
-  draw();
+  draw(); laws();
 };
-canvas.onpointerup = () => { tab = 0; if (brush && brush[1] - brush[0] < 0.02) brush = null; draw(); };
+canvas.onpointerup = () => { tab = 0; if (brush && brush[1] - brush[0] < 0.02) brush = null; draw(); laws(); };
 canvas.onkeydown = (e) => {
   const t = state.series.t, whole = t[t.length - 1] - t[0], step = whole / 20;
   if (e.key === "Escape") brush = null;
@@ -212,7 +230,7 @@ canvas.onkeydown = (e) => {
     const d = e.key === "ArrowRight" ? step : -step;
     brush = brush ? [brush[0] + d, brush[1] + d] : [t[0], t[0] + 4 * step];
   } else return;
-  e.preventDefault(); draw();
+  e.preventDefault(); draw(); laws();
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));

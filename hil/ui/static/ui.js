@@ -3,11 +3,18 @@ import { plot, range } from "./plot.js";
 import { above, space } from "./space.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
+// a page that is loaded anew is the same page, and goes on commanding; one that is opened, or made from it, is another
+const KEPT_AS = "hil-page";
+const before = JSON.parse(sessionStorage.getItem(KEPT_AS) || "{}");
+sessionStorage.removeItem(KEPT_AS);
 // not randomUUID, which only pages of this machine have
-const page = [...crypto.getRandomValues(new Uint8Array(16))].map((x) => x.toString(16).padStart(2, "0")).join("");
+const page = before.page || [...crypto.getRandomValues(new Uint8Array(16))].map((x) => x.toString(16).padStart(2, "0")).join("");
+window.addEventListener("pagehide", () => sessionStorage.setItem(KEPT_AS, JSON.stringify({ page, number })));
+// shown again as it was: what was kept is in use
+window.addEventListener("pageshow", (e) => { if (e.persisted) sessionStorage.removeItem(KEPT_AS); });
 const $ = (id) => document.getElementById(id);
 const KEPT = 400;
-let number = 0, last = null, told = "", since = 0, seen = 0, named = "";
+let number = before.number || 0, last = null, told = "", since = 0, seen = 0, named = "";
 // silence of the program after which it counts as gone, and how long an emergency stop is repeated [ms]
 const SILENCE = 5000, REPEATED = 10000;
 // what went wrong with a command is shown for so long [ms]
@@ -61,6 +68,7 @@ function gone(why = "The program does not answer. A session that runs pauses by 
 // states in which a command does something
 const FITS = { start: ["DISABLED"], pause: ["ENABLED"], resume: ["PAUSED"] };
 const NEXT = {
+  "": "The devices are opened. The first session of a rig compiles its program, which can take a minute.",
   DISABLED: "Press Start when everybody is clear of the arms.", ENABLED: "The law runs. Pause takes the torque away.",
   PAUSED: "Without torque. Resume begins where the arms are now.", FAULT: "Look at the reason, then begin a new session.",
 };
@@ -74,7 +82,7 @@ function show(v) {
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
   const reason = s.state === "PAUSED" && v.silent ? v.silent : s.state !== "ENABLED" && s.why;
-  $("next").textContent = told || (v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state] || "") :
+  $("next").textContent = told || (v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state || ""] || "") :
     s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` : v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
   $("status").classList.toggle("error", Boolean(told));
   $("take").disabled = v.commands || !v.free;
@@ -133,8 +141,8 @@ function devices(all) {
 function scene() {
   if (!last) return;
   const places = last.places || {}, arms = last.session.arms || {};
-  space($("space"), places, Object.fromEntries(Object.entries(arms).map(([n, a]) => [n, a.force])), view);
-  above($("above"), trail, $("hide").checked);
+  space($("space"), places, Object.fromEntries(Object.entries(arms).map(([n, a]) => [n, a.force])), view, last.gel);
+  above($("above"), trail, $("hide").checked, last.gel);
 }
 
 function settable(all, values) {
@@ -148,9 +156,9 @@ function settable(all, values) {
 }
 
 function keep(s, places) {
-  // the last arm presses into the gel
-  const names = Object.keys(places), name = names[names.length - 1];
-  if (name) { const tip = places[name][places[name].length - 1]; trail.push([tip[0], tip[1], size(s.arms[name].force)]); if (trail.length > 600) trail.shift(); }
+  // the arm of the gel; without one the last arm
+  const names = Object.keys(places), name = last.gel ? last.gel.arm : names[names.length - 1];
+  if (name in places) { const tip = places[name][places[name].length - 1]; trail.push([tip[0], tip[1], size(s.arms[name].force)]); if (trail.length > 600) trail.shift(); }
   if (track.t.length && s.seconds < track.t[track.t.length - 1]) { track.t = []; track.arms = {}; trail = []; }
   track.t.push(s.seconds);
   for (const [name, a] of Object.entries(s.arms)) (track.arms[name] ||= []).push(a);
@@ -170,14 +178,16 @@ function draw() {
   scene();
   const arms = Object.entries(track.arms), j = Number($("joint").value), of = (last.joints || [])[j] || { unit: "rad", effort: "N m" };
   if (!arms.length) return;
-  lines("force", arms.map(([, a]) => a.map((x) => size(x.force))), "force [N]");
+  $("force").hidden = !arms.some(([, a]) => a[a.length - 1].sensed);
+  if (!$("force").hidden) lines("force", arms.map(([, a]) => a.map((x) => size(x.force))), "force [N]");
   lines("position", arms.map(([, a]) => a.map((x) => x.position[j])), `position [${of.unit}]`);
   lines("effort", arms.map(([, a]) => a.map((x) => x.effort[j])), `effort [${of.effort}]`);
+  $("error").parentElement.hidden = arms.length !== 2;
   if (arms.length === 2) lines("error", [arms[0][1].map((x, k) => x.position[j] - arms[1][1][k].position[j])], `${arms[0][0]} - ${arms[1][0]} [${of.unit}]`);
   $("forces").replaceChildren(...arms.map(([name, a]) => {
     const f = size(a[a.length - 1].force), e = document.createElement("span");
-    e.className = "lamp"; e.textContent = `${name}: ${f.toFixed(2)} N`;
-    // thresholds of the rig file; 0 is none
+    e.className = "lamp"; e.textContent = `${name}: ${a[a.length - 1].sensed ? `${f.toFixed(2)} N` : "no force is measured"}`;
+    // of the rig file, else of the sensor's range; 0 is none
     const [yellow, red] = a[a.length - 1].lamps;
     if (yellow || red) e.dataset.level = red && f >= red ? "bad" : yellow && f >= yellow ? "warn" : "good";
     return e;

@@ -28,10 +28,13 @@ export function plot(canvas, { xs, ys, xlabel, ylabel, layers, band = null, brus
   const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth, real = Number(canvas.dataset.high), g = canvas.getContext("2d");
   canvas.width = wide * ratio; canvas.height = real * ratio; canvas.style.height = `${real}px`;
   g.setTransform(ratio, 0, 0, ratio, 0, 0); g.clearRect(0, 0, wide, real);
-  const box = { left: 62, right: wide - 10, top: title ? 26 : 10, bottom: real - 38 };
+  g.font = "12px system-ui, sans-serif";
+  // the numbers beside the axis have room, and the label before them
+  const most = Math.max(...ticks(ys, 5).map((v) => g.measureText(text(v)).width));
+  const box = { left: Math.max(62, most + 28), right: wide - 10, top: title ? 26 : 10, bottom: real - 38 };
   const x = (v) => box.left + ((v - xs[0]) / (xs[1] - xs[0])) * (box.right - box.left);
   const y = (v) => box.bottom - ((v - ys[0]) / (ys[1] - ys[0])) * (box.bottom - box.top);
-  g.font = "12px system-ui, sans-serif"; g.lineWidth = 1;
+  g.lineWidth = 1;
   if (title) { g.fillStyle = style("--ink"); g.textAlign = "left"; g.fillText(title, box.left, 15); }
   if (band !== null) { g.fillStyle = style("--band"); g.fillRect(box.left, y(band), box.right - box.left, y(-band) - y(band)); }
   if (brush) { g.fillStyle = style("--band"); g.fillRect(x(brush[0]), box.top, x(brush[1]) - x(brush[0]), box.bottom - box.top); }
