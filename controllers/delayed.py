@@ -525,6 +525,7 @@ class Delayed:
         "start",
         *(f"{arm}_{axis}_{n}" for arm in ("leader", "follower") for axis in AXES for n in _NAMES),
     )
+
     def __init__(self, config: DelayedConfig, arms: tuple[str, ...], period: float) -> None:
         if len(arms) != 2:
             raise ConfigError(f"delayed needs leader and follower, not {len(arms)} arms.")
