@@ -14,7 +14,7 @@ from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, settled
-from hil.diagnosis.preconditions import contradicted, other_robot
+from hil.diagnosis.preconditions import contradicted, mistaken, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
 from hil.diagnosis.sessions import differences
@@ -204,7 +204,10 @@ def compare(
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
-    notes = _undescribed(problem) + other_robot(model, recordings) + contradicted(result)
+    notes = _undescribed(problem) + other_robot(model, recordings)
+    # a wrong column looks like wrong masses, too
+    columns = [] if all(t.fixed for t in result.terms) else mistaken(result, recordings)
+    notes += columns or contradicted(result)
     notes += differences(alike, examine)
     notes += noticed(evidence, result)
     notes += examine.own(result)

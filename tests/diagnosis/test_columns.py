@@ -31,6 +31,15 @@ def test_mistaken_columns_are_bad_data(change, code, words):
     assert [c for c, _ in warnings] == [code] and words in warnings[0][1]
 
 
+def test_a_comparison_says_which_column_is_mistaken():
+    run = plants.axes_apart()
+    swapped = replace(run, tau=np.ascontiguousarray(run.tau[:, ::-1]))
+    c = hil.compare([swapped], hil.base_model(run.robot), simulate=False)
+    assert [f.code for f in c.faults if f.code in ("sign", "swapped")] == ["swapped"]
+    c = hil.compare([run], hil.base_model(run.robot), simulate=False)
+    assert not [f.code for f in c.faults if f.code in ("sign", "swapped")]
+
+
 def test_one_axis_of_wrong_sign():
     run = plants.axis(1)
     verdict, warnings = said(replace(run, tau=-run.tau))

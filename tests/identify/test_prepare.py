@@ -274,6 +274,9 @@ def test_lateness_is_told_before_a_diagnosis() -> None:
     assert blind.seconds is None and "--robot ARM.urdf" in blind.text
     given = replace(seen, robot=AXIS.robot, metadata={"signal_shift_s": "0.002"})
     assert lateness(given).seconds == -0.002
+    moved = plants.counted_at(t, t - 4.0 / fs, rng, 0.002)
+    beyond = lateness(replace(seen, tau=moved.tau, robot=AXIS.robot))
+    assert beyond.samples == pytest.approx(4.0, abs=0.5) and " late" in beyond.text
 
 
 def test_a_given_shift_is_taken() -> None:
