@@ -245,7 +245,9 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
     for r in sorted(near, key=lambda r: r.after)[:STARTS]:
         apart = search.started(c, r.candidate)
-        if apart is None or apart.now.errors.squared.shape != now.errors.squared.shape:
+        if apart is None or not any(f.term.key == r.candidate.term.key for f in apart.found):
+            continue
+        if apart.now.errors.squared.shape != now.errors.squared.shape:
             continue
         gain = paired((now.errors.squared - apart.now.errors.squared) @ weight)
         less = apart.now.errors.power[j] < (1 - WORTH) ** 2 * now.errors.power[j]

@@ -42,3 +42,20 @@ def test_held_out_runs_beyond_the_fitted_range_refute_a_law_that_only_follows_th
     )
     assert not beyond.findings[0].rivals and beyond.findings[0].confidence > 0.9
     assert beyond.findings[0].confidence >= alone.findings[0].confidence
+
+
+def test_a_start_that_its_own_search_leaves_again_is_no_rival(monkeypatch):
+    """Backward steps may take out the effect that a search started from."""
+    from hil.diagnosis import search
+
+    begun = search.Search.started
+
+    def left(self, c, other):
+        apart = begun(self, c, other)
+        apart.found = [f for f in apart.found if f.name != other.name]
+        return apart
+
+    monkeypatch.setattr(search.Search, "started", left)
+    run = _pendulum(1, 1.0, lean=0.0)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert d.findings and len(d.ladder) > 1
