@@ -426,7 +426,8 @@ def _coefficients(case: Refit) -> str:
 def _scales(case: Refit) -> str:
     """A time, a width or a frequency that is less than its standard error is not determined.
 
-    Nor is the period of a wave that is longer than what the motion can show.
+    Nor is the period of a wave that is longer than what the motion can show, unless next to nothing
+    is left beside it.
     """
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
@@ -439,7 +440,9 @@ def _scales(case: Refit) -> str:
             continue
         if v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
-        if v.at_bound and isinstance(term.effect.search, Waves):
+        first = case.search.first
+        rest = first is not None and first.floor.exceeded(result.rms, case.rated.joint)
+        if rest and v.at_bound and isinstance(term.effect.search, Waves):
             return f"its {p.text} lies on the end of what this motion can show"
     return ""
 

@@ -184,7 +184,7 @@ def _scales(goal: ComplexArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownDesign:
     """A design of the study.
 
     Parameters
@@ -208,7 +208,7 @@ class Shown:
     hz: tuple[float, ...] = HZ
 
     @classmethod
-    def whole(cls, name: str, stiffness: float, damping: float, local: float) -> Shown:
+    def whole(cls, name: str, stiffness: float, damping: float, local: float) -> ShownDesign:
         """One that hands over the whole force, from 1 Hz on; forces through a quick filter."""
         wish, law = _both(stiffness, damping, local), {"force_hz": 100.0}
         return cls(name, wish, law, accelerations=False, hz=HZ[1:])
@@ -227,19 +227,19 @@ def _both(stiffness: float, damping: float, local: float) -> dict[str, float]:
 
 #: Transparent, and stable with every operator and environment of the check before the start.
 FOUR, OTHER, THREE = "four channels", "four channels, other gains", "three channels"
-DESIGNS: dict[str, Shown] = {
-    "position-error": Shown("position-error", _both(200.0, 1.0, 0.0)),
-    "position-force": Shown(
+DESIGNS: dict[str, ShownDesign] = {
+    "position-error": ShownDesign("position-error", _both(200.0, 1.0, 0.0)),
+    "position-force": ShownDesign(
         "position-force",
         {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5},
     ),
-    FOUR: Shown.whole("four-channel", 250.0, 1.0, -0.5),
-    OTHER: Shown.whole("four-channel", 120.0, 1.0, -0.5),
-    THREE: Shown.whole("three-channel-4", 250.0, 1.5, 0.0),
+    FOUR: ShownDesign.whole("four-channel", 250.0, 1.0, -0.5),
+    OTHER: ShownDesign.whole("four-channel", 120.0, 1.0, -0.5),
+    THREE: ShownDesign.whole("three-channel-4", 250.0, 1.5, 0.0),
 }
 
 
-def law_of(shown: Shown, models: Mapping[str, str]) -> dict[str, Any]:
+def law_of(shown: ShownDesign, models: Mapping[str, str]) -> dict[str, Any]:
     """Parameters of the law of a design for the identified arms."""
     given, axes = arms(models, shown.law)
     made = rig_designs.designs(shown.name, shown.wish, axes)

@@ -20,7 +20,7 @@ _ARITHMETIC = {
     "floor": {"RANK", "FLOOR_STEPS", "FULL", "STRENGTHS"},
     "grams": {"BOUND_ROUNDS"},
     "heldout": {"RESOLUTION_RATIO"},
-    "naming": {"DRAWS"},
+    "naming": {"DRAWS", "STARTS", "ROUNDS"},
     "residual_tests": {"INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED"},
     "residuals": {"HIGHEST_ORDER"},
     "search": {"HINTS"},

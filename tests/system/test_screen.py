@@ -66,7 +66,7 @@ def test_lamps_and_what_must_be_zero_have_colours():
 
 
 def test_before_the_first_snapshot_it_is_starting():
-    assert words({}) == ["starting ..."]
+    assert words({}) == ["starting ... (compiling for up to a minute, once per installation)"]
 
 
 @pytest.mark.parametrize(
