@@ -19,6 +19,9 @@ let number = before.number || 0, last = null, told = "", since = 0, seen = 0, na
 const SILENCE = 5000, REPEATED = 10000;
 // what went wrong with a command is shown for so long [ms]
 const SHOWN = 8000;
+// an answer that takes longer is told: what is shown is as old [ms]
+const SLOW = 300;
+let took = 0;
 const track = { t: [], arms: {} };
 const view = { turn: 0.5, lift: 0.35 };
 let trail = [];
@@ -199,7 +202,8 @@ const bytes = (n) => (n === undefined ? "-" : n >= 1e9 ? `${(n / 1e9).toFixed(1)
 function health(s, disk) {
   if (s.tick === undefined) return;
   const rows = { "time": `${s.seconds.toFixed(1)} s, tick ${s.tick}`, "wake-up late, p99": `${s.late_p99_us.toFixed(1)} us`, "missed deadlines": s.missed,
-    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "size of the record": bytes(disk.record), "left on the disk": bytes(disk.free), "controller": s.controller };
+    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "size of the record": bytes(disk.record), "left on the disk": bytes(disk.free), "controller": s.controller,
+    "answer to this page": `${(took / 1000).toFixed(2)} s${took > SLOW ? ", slow network" : ""}` };
   $("health").replaceChildren(...Object.entries(rows).map(([k, v]) => {
     const d = document.createElement("div"), a = document.createElement("dt"), b = document.createElement("dd");
     a.textContent = k; b.textContent = v; d.append(a, b); return d;
@@ -226,10 +230,11 @@ window.addEventListener("resize", draw);
 
 (async () => {
   for (;;) {
+    const asked = performance.now();
     let v = null;
     try { v = await call(`/api/view?page=${page}`); } catch { gone(); }
     if (v && v.error) gone("This page belongs to a program that has ended. Open the address that the new one printed.");
-    else if (v) show(v);
+    else if (v) { took = performance.now() - asked; show(v); }
     await new Promise((done) => setTimeout(done, 100));
   }
 })();
