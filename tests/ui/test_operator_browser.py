@@ -70,11 +70,15 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         # a second tab watches
         other = window.new_page()
         other.goto(address)
-        other.locator("#next", has_text="clear of the arms").wait_for(timeout=60_000)
+        other.locator("#next", has_text="this one watches").wait_for(timeout=60_000)
         assert other.get_by_role("button", name="Start").is_disabled()
         page.get_by_role("button", name="Start").click()
         page.locator("#state", has_text="ENABLED").wait_for()
         assert page.get_by_role("button", name="Start").is_disabled()
+        # the emergency stop stays in the window
+        page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        assert page.locator("#emergency").bounding_box()["y"] >= 0
+        assert page.locator("#state").bounding_box()["y"] >= 0
         # lamps of the sensors' ranges, and the gel from both sides
         page.locator("#forces .lamp[data-level=good]", has_text="follower").wait_for()
         page.locator("#forces .lamp[data-level=good]", has_text="leader").wait_for()

@@ -234,6 +234,16 @@ canvas.onkeydown = (e) => {
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));
+// what this model changed, in words: who adds an effect does not see the ladder
+const CHANGED = 0.02;
+function fall() {
+  const [before, now] = [state.ladder[state.at - 1], state.ladder[state.at]];
+  if (!before || !before.joints || !now.joints) return "";
+  const told = state.joints.map((j, i) => [j, before.joints[i], now.joints[i]])
+    .filter(([, a, b]) => a && b && Math.abs(b.relative - a.relative) > CHANGED * a.relative)
+    .map(([j, a, b]) => `${j}: ${a.relative.toFixed(1)} % to ${b.relative.toFixed(1)} %`);
+  return `${told.length ? `Error of ${told.join(", ")}` : "The error stays"} (${now.label}).`;
+}
 let first = null;
 early((rungs, more) => {
   if (!state) return;
@@ -247,5 +257,7 @@ early((rungs, more) => {
 start();
 answered((now, found) => {
   files(now, found);
-  if (now) { state = now; show(); } else for (const id of ["undo", "redo", "diagnose"]) $(id).disabled = true;
+  if (now) { state = now; show(); return fall(); }
+  for (const id of ["undo", "redo", "diagnose"]) $(id).disabled = true;
+  return "";
 });

@@ -85,8 +85,10 @@ function show(v) {
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
   const reason = s.state === "PAUSED" && v.silent ? v.silent : s.state !== "ENABLED" && s.why;
-  $("next").textContent = told || (v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state || ""] || "") :
-    s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` : v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
+  const watches = v.free ? "Nobody commands. Press Take command." : "Another page commands; this one watches. Everybody can press Emergency stop.";
+  $("next").textContent = told || (v.running && !v.commands ? (reason ? `${reason}. ` : "") + watches : v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state || ""] || "") :
+    s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` :
+    (v.code === 0 ? "The session has ended: no torque, the record is closed. " : "") + (v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches."));
   $("status").classList.toggle("error", Boolean(told));
   $("take").disabled = v.commands || !v.free;
   $("begin").disabled = !v.commands || v.running;
@@ -97,7 +99,7 @@ function show(v) {
   choices(v.joints || []);
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
   margin(v.margin);
-  record(v.running, s);
+  record(v.running, s, v.code !== null && v.record);
   devices(s.devices || []);
   health(s, v.disk || {});
 }
@@ -118,9 +120,9 @@ function margin(m) {
   $("margin-text").textContent = m.text;
 }
 
-function record(running, s) {
+function record(running, s, closed) {
   const off = s.recording === false;
-  $("recording").textContent = running && s.recording !== undefined ? (off ? "not recording" : "recording") : "no record";
+  $("recording").textContent = running && s.recording !== undefined ? (off ? "not recording" : "recording") : closed ? "record closed" : "no record";
   if (running && s.recording !== undefined) $("recording").dataset.level = off ? "warn" : "good"; else delete $("recording").dataset.level;
   $("switch").textContent = off ? "Record on" : "Record off";
   $("switch").dataset.say = off ? "record on" : "record off";
