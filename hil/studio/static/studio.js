@@ -48,6 +48,8 @@ function verdict() {
   $("verdict").hidden = !d;
   if (!d) return;
   $("headline").textContent = d.text;
+  // it is the model that is shown
+  $("take").hidden = state.ladder[state.at].label.startsWith("diagnosis:");
   const percent = (x) => (x === null ? "-" : `${x.toPrecision(3)} %`);
   $("findings").replaceChildren(...d.findings.map((f) => el("li",
     `${f.effect}${f.joint ? ` on ${f.joint}` : ""}: confidence ${f.confidence > 0.99 ? "above 0.99" : f.confidence.toFixed(2)}, held-out error ${percent(f.relative_before)} → ${percent(f.relative_after)}`
