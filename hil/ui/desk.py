@@ -176,7 +176,7 @@ class Desk:
                 raise ConfigError("another page commands; it must be closed, or be silent, first")
             if self._seat.page != page:
                 self._seat, self._silent = Seat(page, now), ""
-                self._log.append("this page commands now" if not self._program else "new page")
+                self._log.append(f"{'another' if self._program else 'a'} page commands")
 
     def _taken(self, now: float) -> bool:
         return bool(self._seat.page) and now - self._seat.heard <= SILENCE

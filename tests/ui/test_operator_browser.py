@@ -1,9 +1,12 @@
 """The operator's page as a person uses it, in Chromium: start, mark, a second tab, Escape."""
 
+import json
 import re
 import shutil
 import subprocess
 import sys
+import time
+import urllib.request
 from contextlib import contextmanager
 
 import pytest
@@ -67,11 +70,15 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         # a second tab watches
         other = window.new_page()
         other.goto(address)
-        other.locator("#next", has_text="clear of the arms").wait_for(timeout=60_000)
+        other.locator("#next", has_text="this one watches").wait_for(timeout=60_000)
         assert other.get_by_role("button", name="Start").is_disabled()
         page.get_by_role("button", name="Start").click()
         page.locator("#state", has_text="ENABLED").wait_for()
         assert page.get_by_role("button", name="Start").is_disabled()
+        # the emergency stop stays in the window
+        page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        assert page.locator("#emergency").bounding_box()["y"] >= 0
+        assert page.locator("#state").bounding_box()["y"] >= 0
         # lamps of the sensors' ranges, and the gel from both sides
         page.locator("#forces .lamp[data-level=good]", has_text="follower").wait_for()
         page.locator("#forces .lamp[data-level=good]", has_text="leader").wait_for()
@@ -104,6 +111,78 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
     assert load(session, "follower").n > 100
     assert b"mark" in b"".join(read(session).topics["/events"].data)
     assert not problems and not outside
+
+
+#: A slow network: delay of every answer [ms], bytes a second each way.
+LATENCY, RATE = 400, 50_000
+#: From the key to the program of the session having ended, and to the page saying so [s]: the
+#: delay, the end of the loop and of its file, and the page's next question with the delay again.
+ENDED, TOLD = 3.0, 5.0
+
+
+def test_on_a_slow_network_the_page_is_used_and_stopped(tmp_path):
+    """State, start, marks and the emergency stop over a phone's bad connection."""
+    problems, waiting, most = [], [], [0]
+
+    def asked(request):
+        waiting.append(request)
+        most[0] = max(most[0], sum("/api/view" in r.url for r in waiting))
+
+    with sync.sync_playwright() as playwright, served(tmp_path) as (_, address):
+        window = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        page = window.new_page(viewport={"width": 390, "height": 800})
+        page.set_default_timeout(60_000)
+        page.on("pageerror", lambda e: problems.append(str(e)))
+        page.on("request", asked)
+        page.on("requestfinished", lambda r: waiting.remove(r))
+        page.on("requestfailed", lambda r: problems.append(f"{r.url}: {r.failure}"))
+        network = page.context.new_cdp_session(page)
+        network.send("Network.enable")
+        slow = {"latency": LATENCY, "downloadThroughput": RATE, "uploadThroughput": RATE}
+        network.send("Network.emulateNetworkConditions", {"offline": False, **slow})
+        page.goto(address)
+        page.locator("#state", has_text="no session").wait_for(timeout=10_000)
+        page.locator("#take:enabled").click()
+        page.locator("#begin:enabled").click()
+        page.locator("[data-say=start]:enabled").click()
+        page.locator("#state", has_text="ENABLED").wait_for()
+        page.locator("#health", has_text="slow network").wait_for()
+        # its heartbeat is heard: nothing pauses; and it keeps up with the session
+        for _ in range(5):
+            page.get_by_role("button", name="Mark").click()
+        page.wait_for_timeout(1_000 * SILENCE + 4_000)
+        assert page.locator("#state").inner_text() == "ENABLED"
+        token = address.partition("?token=")[2]
+        direct = urllib.request.Request(
+            address.partition("?")[0] + "api/view?page=page-that-watches",
+            headers={"X-Hil-Token": token},
+        )
+
+        def now():
+            with urllib.request.urlopen(direct, timeout=10) as reply:
+                return json.load(reply)
+
+        behind = now()["session"]["seconds"] - float(
+            re.search(r"([\d.]+) s, tick", page.locator("#health").inner_text())[1]
+        )
+        assert behind < 2.0, f"the page shows what was {behind:.1f} s ago"
+        # one question at a time, and no command left over
+        assert most[0] == 1 and len(waiting) <= 1
+        assert sum(line == "note mark" for line in now()["log"]) == 5
+        # a person presses the key more than once
+        since = time.monotonic()
+        for _ in range(4):
+            page.keyboard.press("Escape")
+        while now()["running"]:
+            assert time.monotonic() - since < ENDED, "the emergency stop takes too long"
+            page.wait_for_timeout(50)
+        left = TOLD - (time.monotonic() - since)
+        page.locator("#state", has_text="ended (0)").wait_for(timeout=1_000 * left)
+        assert sum(line == "stop" for line in now()["log"]) == 1
+        window.close()
+    assert not problems
+    (session,) = tmp_path.glob("*.mcap")
+    assert not read(session).truncated and load(session, "follower").n > 100
 
 
 def test_what_a_page_does_not_know_it_does_not_show(tmp_path):

@@ -32,7 +32,7 @@ function row(c, most) {
   const name = el("th", c.name); name.scope = "row";
   const values = el("td", c.first.map((x) => (x === null ? "–" : x)).join("  "), "values");
   const range = el("td", c.low === null ? "–" : `${c.low} to ${c.high}`, "values");
-  if (c.missing) range.append(el("span", ` ${c.missing} missing`, "bad"));
+  if (c.missing) range.append(", ", el("span", `${c.missing} missing`, "bad"));
   const cells = [kind, joint, unit, flip].map((x) => { const d = el("td"); d.append(x); return d; });
   r.append(name, values, range, ...cells);
   fit();

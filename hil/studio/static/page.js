@@ -60,8 +60,8 @@ export async function watch(shown) {
   try { [state, files] = await Promise.all([call("/api/state"), call("/api/files")]); } catch { say(GONE, true); return; } finally { watching = false; }
   known = now.number; lost = false;
   for (const b of document.querySelectorAll("button")) b.disabled = false;
-  shown(state, files);
-  say(now.error || now.note || "Ready.", Boolean(now.error));
+  const told = shown(state, files);
+  say(now.error || now.note || (told ? `Ready. ${told}` : "Ready."), Boolean(now.error));
 }
 
 let after = () => {};

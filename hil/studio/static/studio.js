@@ -48,6 +48,8 @@ function verdict() {
   $("verdict").hidden = !d;
   if (!d) return;
   $("headline").textContent = d.text;
+  // it is the model that is shown
+  $("take").hidden = state.ladder[state.at].label.startsWith("diagnosis:");
   const percent = (x) => (x === null ? "-" : `${x.toPrecision(3)} %`);
   $("findings").replaceChildren(...d.findings.map((f) => el("li",
     `${f.effect}${f.joint ? ` on ${f.joint}` : ""}: confidence ${f.confidence > 0.99 ? "above 0.99" : f.confidence.toFixed(2)}, held-out error ${percent(f.relative_before)} → ${percent(f.relative_after)}`
@@ -234,6 +236,16 @@ canvas.onkeydown = (e) => {
 };
 window.addEventListener("resize", () => state && (draw(), learnt()));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => state && (draw(), learnt()));
+// what this model changed, in words: who adds an effect does not see the ladder
+const CHANGED = 0.02;
+function fall() {
+  const [before, now] = [state.ladder[state.at - 1], state.ladder[state.at]];
+  if (!before || !before.joints || !now.joints) return "";
+  const told = state.joints.map((j, i) => [j, before.joints[i], now.joints[i]])
+    .filter(([, a, b]) => a && b && Math.abs(b.relative - a.relative) > CHANGED * a.relative)
+    .map(([j, a, b]) => `${j}: ${a.relative.toFixed(1)} % to ${b.relative.toFixed(1)} %`);
+  return `${told.length ? `Error of ${told.join(", ")}` : "The error stays"} (${now.label}).`;
+}
 let first = null;
 early((rungs, more) => {
   if (!state) return;
@@ -247,5 +259,7 @@ early((rungs, more) => {
 start();
 answered((now, found) => {
   files(now, found);
-  if (now) { state = now; show(); } else for (const id of ["undo", "redo", "diagnose"]) $(id).disabled = true;
+  if (now) { state = now; show(); return fall(); }
+  for (const id of ["undo", "redo", "diagnose"]) $(id).disabled = true;
+  return "";
 });

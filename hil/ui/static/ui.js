@@ -19,6 +19,9 @@ let number = before.number || 0, last = null, told = "", since = 0, seen = 0, na
 const SILENCE = 5000, REPEATED = 10000;
 // what went wrong with a command is shown for so long [ms]
 const SHOWN = 8000;
+// an answer that takes longer is told: what is shown is as old [ms]
+const SLOW = 300;
+let took = 0;
 const track = { t: [], arms: {} };
 const view = { turn: 0.5, lift: 0.35 };
 let trail = [];
@@ -82,8 +85,10 @@ function show(v) {
   $("state").textContent = state;
   $("state").dataset.level = state === "ENABLED" ? "good" : state === "FAULT" || v.code > 0 ? "bad" : "warn";
   const reason = s.state === "PAUSED" && v.silent ? v.silent : s.state !== "ENABLED" && s.why;
-  $("next").textContent = told || (v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state || ""] || "") :
-    s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` : v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches.");
+  const watches = v.free ? "Nobody commands. Press Take command." : "Another page commands; this one watches. Everybody can press Emergency stop.";
+  $("next").textContent = told || (v.running && !v.commands ? (reason ? `${reason}. ` : "") + watches : v.running ? (reason ? `${reason}. ` : "") + (NEXT[s.state || ""] || "") :
+    s.state === "FAULT" && s.reason ? `The session ended in FAULT: ${s.reason}. ${NEXT.FAULT}` :
+    (v.code === 0 ? "The session has ended: no torque, the record is closed. " : "") + (v.commands ? "Press New session." : v.free ? "Press Take command." : "Another page commands; this one watches."));
   $("status").classList.toggle("error", Boolean(told));
   $("take").disabled = v.commands || !v.free;
   $("begin").disabled = !v.commands || v.running;
@@ -94,7 +99,7 @@ function show(v) {
   choices(v.joints || []);
   if (s.arms && v.number !== seen) { seen = v.number; keep(s, v.places || {}); draw(); }
   margin(v.margin);
-  record(v.running, s);
+  record(v.running, s, v.code !== null && v.record);
   devices(s.devices || []);
   health(s, v.disk || {});
 }
@@ -115,9 +120,9 @@ function margin(m) {
   $("margin-text").textContent = m.text;
 }
 
-function record(running, s) {
+function record(running, s, closed) {
   const off = s.recording === false;
-  $("recording").textContent = running && s.recording !== undefined ? (off ? "not recording" : "recording") : "no record";
+  $("recording").textContent = running && s.recording !== undefined ? (off ? "not recording" : "recording") : closed ? "record closed" : "no record";
   if (running && s.recording !== undefined) $("recording").dataset.level = off ? "warn" : "good"; else delete $("recording").dataset.level;
   $("switch").textContent = off ? "Record on" : "Record off";
   $("switch").dataset.say = off ? "record on" : "record off";
@@ -199,7 +204,8 @@ const bytes = (n) => (n === undefined ? "-" : n >= 1e9 ? `${(n / 1e9).toFixed(1)
 function health(s, disk) {
   if (s.tick === undefined) return;
   const rows = { "time": `${s.seconds.toFixed(1)} s, tick ${s.tick}`, "wake-up late, p99": `${s.late_p99_us.toFixed(1)} us`, "missed deadlines": s.missed,
-    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "size of the record": bytes(disk.record), "left on the disk": bytes(disk.free), "controller": s.controller };
+    "rows dropped": s.dropped, "most rows waiting": s.ring, "rows not written": s.unwritten, "rows left out": s.left_out, "hottest winding": `${s.winding.toFixed(0)} degC`, "size of the record": bytes(disk.record), "left on the disk": bytes(disk.free), "controller": s.controller,
+    "answer to this page": `${(took / 1000).toFixed(2)} s${took > SLOW ? ", slow network" : ""}` };
   $("health").replaceChildren(...Object.entries(rows).map(([k, v]) => {
     const d = document.createElement("div"), a = document.createElement("dt"), b = document.createElement("dd");
     a.textContent = k; b.textContent = v; d.append(a, b); return d;
@@ -226,10 +232,11 @@ window.addEventListener("resize", draw);
 
 (async () => {
   for (;;) {
+    const asked = performance.now();
     let v = null;
     try { v = await call(`/api/view?page=${page}`); } catch { gone(); }
     if (v && v.error) gone("This page belongs to a program that has ended. Open the address that the new one printed.");
-    else if (v) show(v);
+    else if (v) { took = performance.now() - asked; show(v); }
     await new Promise((done) => setTimeout(done, 100));
   }
 })();
