@@ -24,7 +24,6 @@ from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
-from hil.web.site import LOOPBACK
 
 
 def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
@@ -67,11 +66,11 @@ def add_workers(parser: argparse._ActionsContainer, what: str = "", *also: str) 
     )
 
 
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """--host, --port and --no-browser of a command that serves a page."""
+def add_page(parser: argparse.ArgumentParser, here: str) -> None:
+    """--host (default `here`), --port and --no-browser of a command that serves a page."""
     parser.add_argument(
         "--host",
-        default=LOOPBACK,
+        default=here,
         metavar="ADDRESS",
         help="address on which the page listens: default this machine alone, 0.0.0.0 all of its "
         "addresses; on each, a request needs the token of the printed address",

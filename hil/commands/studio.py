@@ -15,7 +15,7 @@ from hil.record.table_files import FORMATS
 from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
-from hil.web.site import Hosts, serve, site
+from hil.web.site import LOOPBACK, Hosts, serve, site
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     common.add_holdout(parser)
     common.add_sources(parser)
-    common.add_page(parser)
+    common.add_page(parser, LOOPBACK)
 
 
 def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:

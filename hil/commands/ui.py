@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 from hil.rig.config import load_rig
 from hil.ui.desk import Desk
 from hil.ui.scene import Scene
-from hil.web.site import Hosts, serve, site
+from hil.web.site import LOOPBACK, Hosts, serve, site
 
 EXAMPLE = "hil ui teleop -o sessions"
 #: How often the page that commands is looked after [s].
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=float, default=3600.0, help="longest session [s] (default 3600)"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the simulation (default 0)")
-    add_page(parser)
+    add_page(parser, LOOPBACK)
     add_rearm(parser)
 
 

@@ -255,7 +255,8 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
         if less and gain > RISEN and not rules.fails(refit, FORMS):
             search.taken_over(apart, c)
             return {}
-        went[r.candidate.term.key] = _gone_on(r, search, apart)
+        if all(f is not r.candidate for f in apart.now.added):  # something paid beside it
+            went[r.candidate.term.key] = _gone_on(r, search, apart)
     renew(now.result)
     return went
 

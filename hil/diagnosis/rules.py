@@ -440,11 +440,15 @@ def _scales(case: Refit) -> str:
             continue
         if v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
-        first = case.search.first
-        rest = first is not None and first.floor.exceeded(result.rms, case.rated.joint)
-        if rest and v.at_bound and isinstance(term.effect.search, Waves):
+        if v.at_bound and isinstance(term.effect.search, Waves) and _leaves_much(case):
             return f"its {p.text} lies on the end of what this motion can show"
     return ""
+
+
+def _leaves_much(case: Refit) -> bool:
+    """Whether a model leaves more than a tenth of the squared error of the joint before it."""
+    j = case.rated.joint
+    return bool(case.after.errors.power[j] > TENTH * case.before.errors.power[j])
 
 
 @_fit("allowed")
