@@ -173,13 +173,7 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
     most = max([t for t in tops if t == t], default=1.0) * 1.05 or 1.0
     step = (_WIDE - _LEFT - 20) / len(groups)
     below, under = _labels(list(groups), step)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {below + 40}" '
-        'font-family="sans-serif" font-size="13">',
-        f'<path d="M0 0H{_WIDE}V{below + 40}H0z" fill="#fff"/>',
-        f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
-        *_grid(most),
-    ]
+    parts = _begun(title, below + 40, most)
     for i, values in enumerate(groups.values()):
         w = (step - 24) / len(series)
         for k, s in enumerate(values):
@@ -218,14 +212,7 @@ def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float
     below, under = _labels(places, step)
     rows = -(-len(series) // 2)
     high = below + 24 + 20 * rows
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {high}" '
-        'font-family="sans-serif" font-size="13">',
-        f'<path d="M0 0H{_WIDE}V{high}H0z" fill="#fff"/>',
-        f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
-        *_grid(most),
-        *under,
-    ]
+    parts = [*_begun(title, high, most), *under]
     for k, (name, values) in enumerate(series.items()):
         colour = _STROKES[k % len(_STROKES)]
         run: list[str] = []
@@ -275,6 +262,17 @@ def _bar(x: float, wide: float, s: SeedMean, most: float, colour: str) -> list[s
             f'y2="{min(_HIGH - h + e, _HIGH):.1f}" stroke="#222"/>'
         )
     return out
+
+
+def _begun(title: str, high: int, most: float) -> list[str]:
+    """Head of a chart of this height: sheet, title, and a grid up to `most`."""
+    return [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {high}" '
+        'font-family="sans-serif" font-size="13">',
+        f'<path d="M0 0H{_WIDE}V{high}H0z" fill="#fff"/>',
+        f'<text x="{_LEFT}" y="20">{_safe(title)}</text>',
+        *_grid(most),
+    ]
 
 
 #: Width of a letter, about.

@@ -539,7 +539,8 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
     stated = problem.given_shift is not None or problem.given_lag.lag > 0.0
     if a.lag:
         rest = f" They were also shifted by {a.shift * 1e3:.3g} ms." if abs(a.shift) > 1e-5 else ""
-        why = "as [signal] says" if stated else "for no drive moves a joint before it pushes"
+        why = "for no drive moves a joint before it pushes"
+        why = "as the model or map file says" if stated else why
         return [
             (
                 RECORDED_LATE,

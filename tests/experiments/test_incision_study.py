@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hil.controllers.cartesian import CartesianCoupling
+from hil.errors import ConfigError
 from hil.experiments import incision
 from hil.experiments.pages import means
 from hil.rig.config import load_rig
@@ -30,8 +32,17 @@ def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path
 
 @pytest.mark.parametrize("form", [*incision.FORMS])
 def test_every_form_passes_the_check_before_the_start(form):
-    given = {"controller": {"parameters": dict(incision.FORMS[form])}}
-    build_controller(load_rig("surgical", given))
+    """With the stiffness of the rig file only the one that holds the shaft does."""
+    gains = dict(incision.FORMS[form])
+    built = build_controller(load_rig("surgical", {"controller": {"parameters": gains}}))
+    assert isinstance(built, CartesianCoupling)
+    of_the_rig = {k: v for k, v in gains.items() if k not in ("stiffness", "damping")}
+    stiff = load_rig("surgical", {"controller": {"parameters": of_the_rig}})
+    if form == incision.HELD:
+        assert isinstance(build_controller(stiff), CartesianCoupling)
+    else:
+        with pytest.raises(ConfigError):
+            build_controller(stiff)
 
 
 def test_the_page_is_made_of_the_runs():
