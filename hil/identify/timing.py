@@ -538,16 +538,17 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
     a, longest = problem.alignment, longest_shift(problem)
     stated = problem.given_shift is not None or problem.given_lag.lag > 0.0
     if a.lag:
-        rest = f" They were also shifted by {a.shift * 1e3:.3g} ms." if abs(a.shift) > 1e-5 else ""
-        why = "for no drive moves a joint before it pushes"
-        why = "as the model or map file says" if stated else why
+        rest = (
+            f" (and the efforts shifted by {a.shift * 1e3:.3g} ms)" if abs(a.shift) > 1e-5 else ""
+        )
+        why = "No drive moves a joint before it pushes, so this is how they were recorded"
+        why = "The model or map file says so" if stated else why
         return [
             (
                 RECORDED_LATE,
-                f"the efforts passed a low-pass of {_low_pass(a)} before they were recorded "
-                f"({a.lag * 1e3:.3g} ms late), {why}: the filter was undone.{rest} To use another "
-                "one, set lag_s, lag_poles and shift_s under [signal]; to change nothing, set "
-                "shift_s to 0",
+                f"the efforts are {a.lag * 1e3:.3g} ms late, as behind a low-pass of "
+                f"{_low_pass(a)}. {why}: the filter was undone{rest}. To use another one, set "
+                "lag_s, lag_poles and shift_s under [signal]; to change nothing, set shift_s to 0",
             )
         ]
     if abs(a.shift) < longest / FINEST:
