@@ -259,7 +259,8 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
         compilation.watch()
 
         def ticked(done: int) -> None:
-            bar.desc = ""
+            if bar.desc:
+                bar.set_description_str("")  # drawn at once, however soon the compiler was done
             bar.update(done)
 
         try:
