@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.models.effect import (
     BOUNDS,
@@ -23,10 +24,13 @@ from hil.models.effect import (
     Shapes,
     Sight,
     Trait,
+    Waves,
 )
+from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
 from hil.models.robots import IndependentAxes
 
+_INERTIA = "{F} s^2/{x}"
 #: Share of an effort at mid-range by which it must vary over the range to depend on the position.
 VARIES = 0.1
 
@@ -76,7 +80,7 @@ class Armature(Effect):
         source="Featherstone, Rigid Body Dynamics Algorithms, 2008, 9.6",
         formulas=("a",),
     )
-    params = (Param("ia", "{F} s^2/{x}", "reflected rotor inertia", 0.0),)
+    params = (Param("ia", _INERTIA, "reflected rotor inertia", 0.0),)
     scope = Scope(lacks=_armature_lacks)
     traits = Trait.GIVEN | Trait.MOTION | Trait.ROTOR
 
@@ -202,6 +206,90 @@ class Unbalance(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[sin q, cos q]."""
         return np.stack([np.sin(motion.q[:, j]), np.cos(motion.q[:, j])], axis=1)
+
+
+#: Largest order of an inertia that varies with position, in periods over the span: a linkage
+#: is smooth, and what is faster is a motor.
+LINKAGE_ORDER = 6.0
+
+
+def _variable_inertia_lacks(motion: Motion, j: int) -> str:
+    """One axis of which no description holds the linkage."""
+    if not isinstance(motion.robot, IndependentAxes):
+        return "the robot description holds how its inertia varies"
+    if motion.d > 1:
+        return "the inertia of several links without a description has no name"
+    return "" if motion.response is not None else "needs the fitted model's inertia; fit it first"
+
+
+def _variable_inertia_grid(motion: Motion, j: int) -> Shapes:
+    """One period a turn of a turning axis, then every half order over the span."""
+    over = position_orders(motion, j, LINKAGE_ORDER, 0.5)
+    turn = 1 / (2 * math.pi)
+    within = over[0][0] <= turn <= over[-1][0] and motion.robot.units[j] == "rad"
+    return sorted({*over, (turn,)}) if within else over
+
+
+def _variable_inertia_powers(motion: Motion, j: int) -> NDArray[np.complex128]:
+    """(q'', i q'^2 / 2): J and J' of exp(i k q)."""
+    v, a = motion.qd[:, j], motion.qdd[:, j]
+    return np.stack([a + 0j, 0.5j * v**2], axis=1)
+
+
+def _inertia_waves(q: FloatArray, p: float) -> tuple[FloatArray, FloatArray]:
+    """[sin kq, cos kq, .., cos 3kq] with k = 2 pi p, and their derivatives by q, shape (n, 6)."""
+    k = 2 * np.pi * p * np.arange(1, 4)
+    s, c = np.sin(k * q[:, None]), np.cos(k * q[:, None])
+    waves, slopes = np.stack([s, c], axis=2), np.stack([k * c, -k * s], axis=2)
+    return waves.reshape(q.size, 6), slopes.reshape(q.size, 6)
+
+
+def _variable_inertia_positive(f: Fitted) -> bool:
+    """An inertia that is above zero at every position seen, but for its errors."""
+    if f.motion.response is None:
+        return True
+    q = f.motion.q[:, f.j]
+    vary = _inertia_waves(q, f.shape[0])[0] @ np.array(f.beta)
+    return bool(np.min(f.motion.response.inertia[:, f.j, f.j] + vary) > -sum(f.slack))
+
+
+class VariableInertia(Effect):
+    """The inertia that a motor feels varies with its position: a crank, a cam, a linkage.
+
+    Its speed costs effort, too: what drives the load faster without the motor's acceleration.
+    """
+
+    name, family = "variable-inertia", "mass"
+    doc = Doc(
+        equation=(
+            "tau = J(q) qdd + J'(q) qd^2 / 2,  "
+            "J = a1 sin kq + b1 cos kq + a2 sin 2kq + .. + b3 cos 3kq,  k = 2 pi p"
+        ),
+        signature="a ripple over position that grows with acceleration and square of the speed",
+        confused_with=("encoder-eccentricity", "cogging", "position-torque", "unbalance"),
+        shown_by="strokes over the whole range at several speeds and accelerations",
+        source="Dresig, Holzweissig, Dynamics of Machinery, 2010, 2.4 (constraint-coupled drives)",
+        over=Over.POSITION,
+    )
+    params = (
+        Param("a1", _INERTIA, "inertia that goes with the sine"),
+        Param("b1", _INERTIA, "inertia that goes with the cosine"),
+        Param("a2", _INERTIA, "twice as often, with the sine"),
+        Param("b2", _INERTIA, "twice as often, with the cosine"),
+        Param("a3", _INERTIA, "three times as often, with the sine: a short connecting rod"),
+        Param("b3", _INERTIA, "three times as often, with the cosine"),
+    )
+    shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
+    scope = Scope(lacks=_variable_inertia_lacks)
+    search = Waves(_variable_inertia_grid, powers=_variable_inertia_powers, at_resolution=True)
+    limits = (Limit("positive", _variable_inertia_positive),)
+    traits = Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """J q'' + J' q'^2 / 2 for J = sin and cos of kq, 2kq and 3kq, shape (n, 6)."""
+        inertia, slope = _inertia_waves(motion.q[:, j], float(shape[0]))
+        v, a = motion.qd[:, j : j + 1], motion.qdd[:, j : j + 1]
+        return inertia * a + 0.5 * v * v * slope
 
 
 def _position_torque_varies(f: Fitted) -> bool:
@@ -344,6 +432,7 @@ EFFECTS: tuple[Effect, ...] = (
     BaseTilt(),
     Spring(),
     Unbalance(),
+    VariableInertia(),
     PositionTorque(),
     EndStop(),
 )
