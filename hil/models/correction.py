@@ -59,6 +59,11 @@ EVEN = (0.0, 0.3, 1.0, 2.4)
 #: Half: it follows no more than a polynomial does; double: a stroke or two do not determine it.
 KNOTS = 16
 WIDTH = 2.0 / KNOTS
+#: Waves of a function of the angle within a turn.  Half: it follows no cam; double: what it holds
+#: is a motor's, which has a name.
+WAVES = 10
+#: Turns of a joint from which on its angles come again in different parts of a run.
+AGAIN = 1.5
 
 _CENTRE = Param("centre", "{x}", "middle of the range of the position")
 _HALF = Param("half", "{x}", "half the range of the position", 0.0)
@@ -184,6 +189,38 @@ class OfDetail(Correction):
         knots = -1.0 + WIDTH * np.arange(KNOTS + 1)
         hats: FloatArray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - knots) / WIDTH)
         return hats
+
+
+def _of_turn_lacks(motion: Motion, j: int) -> str:
+    """Needs an axis that turns, and that comes by the same angles again."""
+    if motion.robot.units[j] != "rad":
+        return "the joint slides"
+    turns = float(np.ptp(motion.span[j])) / (2 * np.pi)
+    return "" if turns >= AGAIN else f"the joint turns {turns:.1f} times, which is less than {AGAIN}"
+
+
+class OfTurn(Correction):
+    """A function of the angle within one turn of the joint: a cam, an index, a bearing."""
+
+    name = "correction-turn"
+    doc = _doc(
+        equation=f"tau = sum_k a_k sin kq + b_k cos kq,  k = 1 to {WAVES}",
+        variables="the angle within a turn",
+        formulas=tuple(f"{w}({k} * q)" for k in range(1, WAVES + 1) for w in ("sin", "cos")),
+    )
+    params = tuple(
+        Param(f"{name}{k}", "{F}", f"amplitude {k} times a turn")
+        for k in range(1, WAVES + 1)
+        for name in ("a", "b")
+    )
+    scope = replace(Correction.scope, lacks=_of_turn_lacks)
+    traits = Correction.traits | Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[sin kq, cos kq]."""
+        angle = motion.q[:, j, None] * np.arange(1, WAVES + 1)
+        waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)
+        return waves.reshape(motion.n, 2 * WAVES)
 
 
 class OfDirection(Correction):
@@ -564,6 +601,7 @@ class GenericInertia(_OfGeometry):
 EFFECTS = (
     OfPosition(),
     OfDetail(),
+    OfTurn(),
     OfDirection(),
     OfSpeed(),
     OfDisplacement(),

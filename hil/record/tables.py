@@ -584,7 +584,8 @@ def _arm(
     ]
     said |= {UNWRAPPED: "; ".join(told)} if told else {}
     notes += [f"{text} (unwrap = false in its column of a map keeps it)" for text in told]
-    positions = [replace(r, stated=r.stated or _turns(r, wrapped)) for r in positions]
+    unit_said = bool(given.unit)  # the user has answered
+    positions = [replace(r, stated=unit_said or r.stated or _turns(r, wrapped)) for r in positions]
     stated = " ".join(str(k + 1) for k, rule in enumerate(positions) if rule.stated)
     said |= {STATED: stated} if stated else {}
     kept = " ".join(str(k + 1) for k, rule in enumerate(positions) if not rule.unwrap)
