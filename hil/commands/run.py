@@ -259,7 +259,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
         compilation.watch()
 
         def ticked(done: int) -> None:
-            if bar.desc:
+            if not bar.disable and bar.desc:
                 bar.set_description_str("")  # drawn at once, however soon the compiler was done
             bar.update(done)
 
