@@ -130,7 +130,9 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     priced(found, floor, result)
     artefacts.mark_smoothers(found, projector)
     artefacts.mark_blurred(found, result, projector)
-    rated = rate(result, search.split, found)
+    rated = [
+        _judged_on(r, c.joint) if _own(r, c) else r for r in rate(result, search.split, found)
+    ]
     others = [f for f in search.found if f is not c]
     sound = [
         r
@@ -152,6 +154,15 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
 def _own(r: Rated, c: Candidate) -> bool:
     """Whether a rated candidate is an effect of the model itself."""
     return r.candidate.term.key == c.term.key
+
+
+def _judged_on(r: Rated, j: int) -> Rated:
+    """A rated effect of the robot, judged on the joint of its name and not where it does most."""
+    if r.joint == j:
+        return r
+    fall = r.now.squared[:, j] - r.errors.squared[:, j]
+    before, after = float(r.now.power[j]), float(r.errors.power[j])
+    return replace(r, joint=j, fall=fall, before=before, after=after)
 
 
 def _settled(rated: list[Rated], c: Candidate, now: Visited) -> list[Rated]:
