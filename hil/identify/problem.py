@@ -6,6 +6,7 @@ Rows of a regression: runs through the filters, where each joint moves, what its
 from __future__ import annotations
 
 import copy
+import math
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -41,7 +42,12 @@ class Alignment:
         tau(t) = r(t - s) + T r'(t - s) + T^2/2 r''(t - s),
 
     the last part of a low-pass of two poles alone (Butterworth's, T = sqrt(2) / its half-power
-    frequency).  Of more poles this is the series of a delay by T.
+    frequency).  Of more poles this is the series of a delay by T.  A mean over the last 2 T has no
+    poles; its spectrum is divided by
+
+        sin(w T) / (w T)  exp(-i w T),
+
+    the first part by a quarter at least: about its zeros nothing is left to be found again.
 
     Parameters
     ----------
@@ -50,7 +56,7 @@ class Alignment:
     lag : float
         Time constant T of a low-pass that they passed, and that is undone [s]; 0 = none.
     poles : int
-        Of that low-pass: 1 or 2.
+        Of that low-pass: 1 or 2; 0 of a moving average over 2 T.
     """
 
     shift: float = 0.0
@@ -64,14 +70,33 @@ class Alignment:
 
     def __call__(self, x: FloatArray, t: FloatArray) -> FloatArray:
         """Columns (n, d) over t (n,), aligned by cubic splines; the ends are kept."""
-        spline = scipy.interpolate.CubicSpline(t, x, axis=0)
-        at = np.clip(t - self.shift, t[0], t[-1])
+        mean = self.lag > 0.0 and self.poles == 0
+        whole = _mean_undone(x, self.lag / (t[1] - t[0])) if mean else x
+        spline = scipy.interpolate.CubicSpline(t, whole, axis=0)
+        at = np.clip(t - self.shift + self.lag * mean, t[0], t[-1])
         out = spline(at)
-        if self.lag:
+        if self.lag and self.poles:
             out += self.lag * spline(at, 1)
         if self.lag and self.poles > 1:
             out += self.lag**2 / 2 * spline(at, 2)
         return np.asarray(out)
+
+
+#: Least share of a wave that a moving average is taken to have left.
+LEFT = 0.25
+
+
+def _mean_undone(x: FloatArray, half: float) -> FloatArray:
+    """Columns (n, d) whose waves are as large as before a mean over 2 `half` samples."""
+    pad = min(math.ceil(20 * half), len(x) - 1)
+    # continued by its own turned copy, as filters do
+    begin, end = 2 * x[0] - x[pad:0:-1], 2 * x[-1] - x[-2 : -pad - 2 : -1]
+    wide = np.concatenate([begin, x, end])
+    size = scipy.fft.next_fast_len(len(wide), real=True)
+    left = np.sinc(2 * half * scipy.fft.rfftfreq(size))
+    gain = np.copysign(1.0 / np.maximum(np.abs(left), LEFT), left)
+    out = scipy.fft.irfft(scipy.fft.rfft(wide, size, axis=0) * gain[:, None], size, axis=0)
+    return np.asarray(out[pad : pad + len(x)])
 
 
 def _beside(parts: Sequence[FloatArray]) -> FloatArray:

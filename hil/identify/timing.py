@@ -60,13 +60,17 @@ PIECES = 6
 TURN = 0.005
 
 
-#: Largest lateness of recorded efforts that is looked for [s]: a filter of 5 Hz, a message missed.
-LATEST = 0.05
+#: Largest lateness of recorded efforts that is looked for [s]: a filter of 2 Hz, messages missed.
+LATEST = 0.1
 #: Shifts that are tried up to it, at most, and how often: late efforts blunt the sign of friction,
 #: which then asks for too small a shift.
 MOST_SHIFTS, TURNS = 25, 8
+#: Poles of the filters that are tried; 0: a moving average.
+SHAPES = (1, 2, 0)
 #: Shares of a lateness that are tried as a filter's, and how often their neighbours are.
 FILTERED, CLOSER = (0.5, 1.0), 3
+#: Share of a filter's lateness to which it is known well enough.
+SETTLED = 0.005
 #: Share by which the error must fall where efforts are taken earlier by more than a sample, or a
 #: filter is undone, and by which that of one joint may rise.
 LESS = 0.1
@@ -432,7 +436,7 @@ def _filter_undone(
                 tried[one] = _ratio(fitted(*one), error)
         return min(tried, key=tried.__getitem__)
 
-    poles, share = best((n, x) for n in (1, 2) for x in FILTERED)
+    poles, share = best((n, x) for n in SHAPES for x in FILTERED)
     for k in range(CLOSER):
         step = 0.25 / 2**k
         poles, share = best([(poles, share - step), (poles, share + step)])
@@ -440,7 +444,28 @@ def _filter_undone(
         problem.align_effort(start)
         renew(result)
         return result
-    return _in_time(problem, model, fitted(poles, share), scale)
+    return _to_the_end(problem, model, _in_time(problem, model, fitted(poles, share), scale), scale)
+
+
+def _to_the_end(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The same with all that is still late given to the filter, as long as the error falls by it.
+
+    A filter is late by less where it is fast, so that the slow motion first says too little.
+    """
+    for _ in range(TURNS):
+        last, error = problem.alignment, result.relative
+        share = last.late / max(last.lag, 1e-300)
+        if abs(share - 1) < SETTLED or last.late > LATEST:
+            break
+        problem.align_effort(replace(last, shift=0.0, lag=last.late))
+        longer = _in_time(problem, model, fit(problem, model, scale=scale), scale)
+        if _ratio(longer, error) > 1.0:
+            problem.align_effort(last)
+            return fit(problem, model, scale=scale)
+        result = longer
+    return result
 
 
 def _ratio(result: FitResult, before: FloatArray) -> float:
@@ -509,9 +534,7 @@ def lateness(recording: Recording) -> Lateness:
         )
     late = problem.alignment.late
     size, side = abs(late), "late" if late > 0 else "early"
-    side += (
-        f", through a low-pass of {_low_pass(problem.alignment)}" if problem.alignment.lag else ""
-    )
+    side += f", through {_filter(problem.alignment)}" if problem.alignment.lag else ""
     if size < longest / FINEST:
         return Lateness(late, late * samples, "efforts against positions: in time, as far as seen")
     return Lateness(
@@ -527,10 +550,12 @@ def lateness(recording: Recording) -> Lateness:
 ALIGNED, RECORDED_LATE = "late-effort", "recorded-late"
 
 
-def _low_pass(a: Alignment) -> str:
-    """Poles and half-power frequency of a low-pass that was undone."""
+def _filter(a: Alignment) -> str:
+    """A filter that was undone: its poles and half-power frequency, or its length."""
+    if not a.poles:
+        return f"a moving average over {2e3 * a.lag:.3g} ms"
     poles = "one pole" if a.poles == 1 else "two poles"
-    return f"{poles} at {np.sqrt(a.poles) / (2 * np.pi * a.lag):.3g} Hz"
+    return f"a low-pass of {poles} at {np.sqrt(a.poles) / (2 * np.pi * a.lag):.3g} Hz"
 
 
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
@@ -546,8 +571,8 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
         return [
             (
                 RECORDED_LATE,
-                f"the efforts are {a.lag * 1e3:.3g} ms late, as behind a low-pass of "
-                f"{_low_pass(a)}. {why}: the filter was undone{rest}. To use another one, set "
+                f"the efforts are {a.lag * 1e3:.3g} ms late, as behind {_filter(a)}. "
+                f"{why}: the filter was undone{rest}. To use another one, set "
                 "lag_s, lag_poles and shift_s under [signal]; to change nothing, set shift_s to 0",
             )
         ]

@@ -129,8 +129,11 @@ def _band(table: Any, of: str) -> Band:
     for key, value in values.items():
         least = -math.inf if key == "shift_s" else 0.0
         most = 1.0 if key == "accuracy" else math.inf
-        if key == "lag_poles" and value not in (1.0, 2.0):
-            raise ConfigError(f"{of}.{key} = {value:g}: expected 1 or 2, the poles of a low-pass")
+        if key == "lag_poles" and value not in (0.0, 1.0, 2.0):
+            raise ConfigError(
+                f"{of}.{key} = {value:g}: expected 1 or 2, the poles of a low-pass, or 0, a moving "
+                "average over twice lag_s"
+            )
         if not (least <= value < most and math.isfinite(value)):
             what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
             what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what

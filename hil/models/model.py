@@ -89,7 +89,7 @@ class Band:
         Time constant of a low-pass that the efforts passed before they were recorded, and that is
         undone; 0 = none, or estimated where `shift_s` is.
     lag_poles : float
-        Of that low-pass: 1, or 2 as Butterworth's.
+        Of that low-pass: 1, or 2 as Butterworth's; 0 of a moving average over twice `lag_s`.
     accuracy : float
         Share of the rms effort to which the efforts are known: no effect below it is named, and no
         error below it is unexplained.
