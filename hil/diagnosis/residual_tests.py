@@ -30,12 +30,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from hil.diagnosis.artefacts import blur, coarse
+from hil.diagnosis.artefacts import Blur, blur, coarse
 from hil.diagnosis.constants import (
     ADEQUATE,
     BURSTS,
     BURSTS_ALONE,
     CERTAIN,
+    FLOOR_SHARE,
     HALF,
     LEVEL,
     LITTLE,
@@ -272,10 +273,13 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
     if not raw:
         return None
     (k, se), (whole, spread) = _even(raw), kurtosis(np.concatenate(raw))
+    alone = k
     if k > BURSTS and k > CERTAIN * se and projector is not None:
-        left = left - blur(result, projector, j).effort
+        filtered = blur(result, projector, j)
+        left = left - filtered.effort
         raw = _runs(problem, j, left)
         k, se = _even(raw)
+        alone = _elsewhere(problem, j, left, filtered, projector) if k > BURSTS_ALONE else k
     joint, rate = problem.joints[j], problem.rate
     if k < SWINGS and k < -SURE * se:
         return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
@@ -283,7 +287,7 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
         # where the speed passes a count a row, a coarse encoder bursts
         if coarse(problem)[j]:
             return None
-        return Unlike(joint, k, k > BURSTS_ALONE, f"{joint}: {_bursts(problem, j, left, k)}")
+        return Unlike(joint, k, alone > BURSTS_ALONE, f"{joint}: {_bursts(problem, j, left, k)}")
     longest = max(raw, key=len)
     size = _around(longest)
     if whole > SURE * spread and HALF * size.max() > size.min():
@@ -291,9 +295,82 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
     return None
 
 
+def _elsewhere(
+    problem: Problem, j: int, left: FloatArray, filtered: Blur, projector: Projector
+) -> float:
+    """Kurtosis of what is left (n,) of joint j but at reversals, where their blur is a good part.
+
+    One wider filter does not undo all of a blur; it bursts at the same instants.
+    """
+    share = filtered.gain * projector.sigma[j] ** 2 / max(float(np.sum(left**2)), 1e-300)
+    near = np.abs(filtered.effort) > TENTH * float(np.max(np.abs(filtered.effort)))
+    if share <= FLOOR_SHARE or np.all(near | ~problem.live[j]):
+        return _even(_runs(problem, j, left))[0]
+    runs = [
+        left[(problem.run == k) & problem.live[j] & ~near] for k in range(len(problem.recordings))
+    ]
+    return _even([r / max(float(r.std()), 1e-300) for r in runs if r.size >= LAGS] or [left])[0]
+
+
 def unlike_notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
     """Code and sentence of each."""
     return [(UNLIKE, u.text) for u in found]
+
+
+PUSHED = "pushed"
+#: Components of a force.
+FORCE = 3
+
+
+def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
+    """Note (code, sentence) that what is left is a slow force at the tip; none where it is not.
+
+    With the tip's Jacobian J the residual r of the d joints that leave more than efforts are known
+    to, `felt`, is split at every instant,
+
+        r = J' F + e,   F the force in base axes that leaves least e,
+
+    each joint in units of its rms.  Noise gives each of the d - 3 values of e as much power as each
+    of the 3 of F.  Noise of the positions may act on several joints, too; it is fast.
+    """
+    problem = result.problem
+    robot, moves = problem.motions[0].robot, np.flatnonzero(~problem.holds & felt)
+    free = moves.size - FORCE
+    if free < 1 or result.model.explains != "motor" or robot.tree is None:
+        return []
+    scale = np.maximum(result.rms, 1e-300)
+    q = np.ascontiguousarray(problem.q.T)
+    of_unit = [robot.external(q, np.tile(np.eye(6)[k], (len(q), 1))) for k in range(FORCE)]
+    r, x = (result.residual / scale[:, None]).T, np.stack(of_unit, axis=2) / scale[:, None]
+    r, x = r[:, moves], x[:, moves]
+    force = np.einsum("nkj,nj->nk", np.linalg.pinv(x), r)
+    along = np.einsum("njk,nk->nj", x, force)
+    tip, rest = float(np.sum(along**2)), float(np.sum((r - along) ** 2))
+    if tip / FORCE < CERTAIN * rest / free or _slow_share(problem, along) < HALF:
+        return []
+    taken = tip / max(tip + rest, 1e-300)
+    size = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
+    return [
+        (
+            PUSHED,
+            f"a force at the tip that nobody measured gives {100 * taken:.0f} % of what is left on "
+            f"{moves.size} joints (noise: {100 * FORCE / moves.size:.0f} %). It is slow and has an rms of "
+            f"{size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave those "
+            "times out",
+        )
+    ]
+
+
+def _slow_share(problem: Problem, x: FloatArray) -> float:
+    """Share of the power of columns (n, m) below a quarter of the effort filter's cut-off."""
+    low = total = 0.0
+    for k in range(len(problem.recordings)):
+        part = x[problem.run == k]
+        power = np.abs(np.fft.rfft(part * np.hanning(len(part))[:, None], axis=0)) ** 2
+        f = np.fft.rfftfreq(len(part), 1.0 / problem.rate)
+        low += float(np.sum(power[f < problem.rates.effort / 4]))
+        total += float(np.sum(power))
+    return low / max(total, 1e-300)
 
 
 def kurtosis(r: FloatArray) -> tuple[float, float]:

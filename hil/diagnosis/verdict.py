@@ -20,7 +20,7 @@ from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
-from hil.diagnosis.residual_tests import changes_told, unlike, unlike_notes
+from hil.diagnosis.residual_tests import changes_told, pushed, unlike, unlike_notes
 from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.diagnosis.unnamed import explainable, foretold, hidden
@@ -258,6 +258,10 @@ def finish(
         if out.network:
             out.verdict = "unexplained"
     _with_unlike(out)
+    if out.verdict in ("adequate", "unexplained"):
+        told = pushed(result, matters(result))
+        out.warnings += told
+        out.verdict = "unexplained" if told else out.verdict
     with_errors(out)
     holds = zip(result.problem.joints, result.problem.holds, strict=True)
     out.warnings += common(out.findings, [name for name, still in holds if not still])
