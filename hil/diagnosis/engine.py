@@ -521,10 +521,22 @@ def _pushed(problem: Problem, j: int) -> bool:
     return push > TELLING_PUSH * own
 
 
+_TURN = "with the other sign the model fits. Set scale = -1 for fx, fy and fz in a map file"
+
+
+def _one_sensor(problem: Problem) -> bool:
+    """Whether all external efforts are those of a force at the tip."""
+    return all(r.wrench is not None and r.tau_ext is None for r in problem.recordings)
+
+
 def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Faults and warnings (code, sentence): wrong signs, and ratios to confirm."""
     faults, warnings = [], []
-    for j, g in gains(result, split).items():
+    found = gains(result, split)
+    wrong = [g for g in found.values() if abs(g + 1) < OPEN]
+    if len(wrong) > 1 and len(wrong) == len(found) and _one_sensor(result.problem):
+        return [("external-sign", f"the measured force has the wrong sign: {_TURN}")], []
+    for j, g in found.items():
         joint, column = result.problem.joints[j], f"tauext{j + 1}"
         if abs(g + 1) < OPEN:
             faults.append(

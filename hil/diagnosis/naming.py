@@ -130,9 +130,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     priced(found, floor, result)
     artefacts.mark_smoothers(found, projector)
     artefacts.mark_blurred(found, result, projector)
-    rated = [
-        _judged_on(r, c.joint) if _own(r, c) else r for r in rate(result, search.split, found)
-    ]
+    rated = [_judged_on(r, c.joint) if _own(r, c) else r for r in rate(result, search.split, found)]
     others = [f for f in search.found if f is not c]
     sound = [
         r

@@ -354,9 +354,9 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
         (
             PUSHED,
             f"a force at the tip that nobody measured gives {100 * taken:.0f} % of what is left on "
-            f"{moves.size} joints (noise: {100 * FORCE / moves.size:.0f} %). It is slow and has an rms of "
-            f"{size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave those "
-            "times out",
+            f"{moves.size} joints (noise: {100 * FORCE / moves.size:.0f} %). It is slow and has an "
+            f"rms of {size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave "
+            "those times out",
         )
     ]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, WHOLE, WORTH
+from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner
@@ -259,13 +259,38 @@ def finish(
             out.verdict = "unexplained"
     _with_unlike(out)
     if out.verdict in ("adequate", "unexplained"):
-        told = pushed(result, matters(result))
-        out.warnings += told
-        out.verdict = "unexplained" if told else out.verdict
+        slow = pushed(result, matters(result))
+        out.warnings += slow
+        out.verdict = "unexplained" if slow else out.verdict
+    out.warnings += high_floors(out)
     with_errors(out)
     holds = zip(result.problem.joints, result.problem.holds, strict=True)
     out.warnings += common(out.findings, [name for name, still in holds if not still])
     return out
+
+
+#: Code of a note on noise floors that are a good part of the effort.
+HIGH_FLOOR = "high-floor"
+
+
+def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
+    """Note (code, sentence) on joints that are at their floor, where that is much of the effort."""
+    step = out.ladder[-1]
+    problem, held = step.result.problem, step.heldout
+    share = held.relative * out.noise / np.maximum(held.rms, 1e-300)
+    at_floor = ~problem.holds & (held.rms <= NEAR_FLOOR * out.noise)
+    much = np.flatnonzero(at_floor & (share > 100 * TENTH)).tolist()
+    if not much:
+        return []
+    each = ", ".join(f"{share[j]:.0f} % on {problem.joints[j]}" for j in much)
+    return [
+        (
+            HIGH_FLOOR,
+            f"the noise floor itself is much of the effort: {each}. Whatever makes it does not "
+            "follow from the recorded motion: a disturbance, a push, a poor sensor, a motion that "
+            "hardly needs effort",
+        )
+    ]
 
 
 def _with_unlike(out: Diagnosis) -> None:

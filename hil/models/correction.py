@@ -196,7 +196,9 @@ def _of_turn_lacks(motion: Motion, j: int) -> str:
     if motion.robot.units[j] != "rad":
         return "the joint slides"
     turns = float(np.ptp(motion.span[j])) / (2 * np.pi)
-    return "" if turns >= AGAIN else f"the joint turns {turns:.1f} times, which is less than {AGAIN}"
+    return (
+        "" if turns >= AGAIN else f"the joint turns {turns:.1f} times, which is less than {AGAIN}"
+    )
 
 
 class OfTurn(Correction):

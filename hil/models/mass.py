@@ -223,11 +223,11 @@ def _variable_inertia_lacks(motion: Motion, j: int) -> str:
 
 
 def _variable_inertia_grid(motion: Motion, j: int) -> Shapes:
-    """One period a turn of a turning axis, then every half order over the span."""
+    """Every half order over the span; of an axis that turns once and twice a turn, too."""
     over = position_orders(motion, j, LINKAGE_ORDER, 0.5)
     turn = 1 / (2 * math.pi)
-    within = over[0][0] <= turn <= over[-1][0] and motion.robot.units[j] == "rad"
-    return sorted({*over, (turn,)}) if within else over
+    turns = over[0][0] <= turn and motion.robot.units[j] == "rad"
+    return sorted({*over, (turn,), (2 * turn,)}) if turns else over
 
 
 def _variable_inertia_powers(motion: Motion, j: int) -> NDArray[np.complex128]:

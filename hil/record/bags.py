@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.locked import frame_axes, free_joints, locked_urdf
+from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
 from hil.record.units import epoch_unit
@@ -493,9 +493,7 @@ def _in_base(
             f"topic {force.topic} measures in frame {force.frame!r}, and the tip is to be "
             f"{what.robot.tip!r}; leave --tip out"
         )
-    turned = [np.einsum("nij,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)]
-    robot = RobotSource("", urdf, force.frame)
-    return np.concatenate(turned, axis=1), replace(what, robot=robot)
+    return in_base_axes(wrench, axes), replace(what, robot=RobotSource("", urdf, force.frame))
 
 
 def _force(bag: _Bag, chosen: BagChoice) -> _Group | None:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -405,7 +406,7 @@ def check(recording: Recording) -> list[DataFault]:
     """
     found = [*_values(recording), *_time(recording)]
     if not any(f.severity == "error" for f in found):
-        found += [*_frozen(recording), *check_motion(recording)]
+        found += [*_frozen(recording), *_doubled(recording), *check_motion(recording)]
     return sorted(found, key=lambda f: f.severity)
 
 
@@ -536,6 +537,28 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
 
 #: Code of the warning that a joint has no effort.
 SILENT = "silent-joint"
+
+
+#: Share of a joint's range by which another one moves differently.
+APART = 0.1
+
+
+def _doubled(r: Recording) -> Iterator[DataFault]:
+    """Efforts of two joints that are equal in every row, though the joints move differently.
+
+    Two drives of one axis may have the same command; those move alike.
+    """
+    moves = np.ptp(r.tau, axis=0) > 0
+    for a, b in combinations(np.flatnonzero(moves).tolist(), 2):
+        if not np.array_equal(r.tau[:, a], r.tau[:, b]):
+            continue
+        if np.ptp(r.q[:, a] - r.q[:, b]) > APART * max(np.ptp(r.q[:, a]), np.ptp(r.q[:, b])):
+            text = (
+                f"tau{b + 1} ({r.joints[b]}) holds the values of tau{a + 1} ({r.joints[a]}) in "
+                "every row: one channel was recorded twice. Name the right column in a map, or "
+                "leave the joint out"
+            )
+            yield DataFault("doubled", "error", r.joints[b], text)
 
 
 def _frozen(r: Recording) -> Iterator[DataFault]:

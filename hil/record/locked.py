@@ -333,6 +333,12 @@ def frame_axes(
     return out
 
 
+def in_base_axes(wrench: FloatArray, axes: FloatArray) -> FloatArray:
+    """A wrench (n, 6) of a link's axes (n, 3, 3), in axes of the base."""
+    turned = [np.einsum("nij,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)]
+    return np.concatenate(turned, axis=1)
+
+
 def _end(joint: ET.Element, tag: str) -> str:
     element = joint.find(tag)
     return "" if element is None else element.get("link", "")

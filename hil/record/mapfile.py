@@ -63,6 +63,8 @@ class TableMap:
         Rules by arm and target column; the arm ``""`` is the only one and unnamed.
     preset, urdf, tip : str
         The robot; `urdf` is a file name.
+    force_axes : str
+        Link of the URDF in whose axes the force is; ``""`` = the base's.
     unit : str
         Unit of the axes, ``"rad"`` or ``"m"``; ``""`` = not said (rad is taken and doubted).
     array, columns : str, tuple of str
@@ -99,6 +101,7 @@ class TableMap:
     preset: str = "single-axis"
     urdf: str = ""
     tip: str = ""
+    force_axes: str = ""
     unit: str = ""
     array: str = ""
     columns: tuple[str, ...] = ()
@@ -237,7 +240,7 @@ TARGETS = (
 )
 _TARGET = re.compile(r"t|[ft][xyz]|(q|qd|tau|tauext|i|temp)[1-9][0-9]?")
 _TOP = ("schema", "robot", "table", "columns", "units", "arms", "offsets", "extras", "signal")
-_ROBOT = ("preset", "urdf", "tip", "unit", "arm", "joints", "lock")
+_ROBOT = ("preset", "urdf", "tip", "force_axes", "unit", "arm", "joints", "lock")
 _TABLE = ("array", "columns", "rate_hz", "join", "gaps", "repeated", "missing", "header_row")
 _SIGNAL = (
     "position_hz",
@@ -329,6 +332,7 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
         preset=str(robot.get("preset", "single-axis")),
         urdf=str(robot.get("urdf", "")),
         tip=str(robot.get("tip", "")),
+        force_axes=str(robot.get("force_axes", "")),
         unit=str(robot.get("unit", "")),
         array=str(table.get("array", "")),
         columns=_names(table.get("columns", ())),

@@ -25,8 +25,10 @@ from hil.record.locked import (
     ColumnsRobot,
     columns_robot,
     count_joints,
+    frame_axes,
     free_joints,
     grouped,
+    in_base_axes,
 )
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
 from hil.record.recording import AS_IS, STATED, UNWRAPPED, Recording, RobotSource
@@ -590,7 +592,7 @@ def _arm(
     said |= {STATED: stated} if stated else {}
     kept = " ".join(str(k + 1) for k, rule in enumerate(positions) if not rule.unwrap)
     said |= {AS_IS: kept} if kept else {}
-    recording = _recording(arm, table, values, order, fitted, given.unit, {**said, **fitted.said})
+    recording = _recording(arm, table, values, order, fitted, given, {**said, **fitted.said})
     if not given.unit:
         refuse_units(table, recording, joints, positions)
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
@@ -708,7 +710,7 @@ def _recording(
     values: Mapping[str, FloatArray],
     order: Sequence[int],
     fitted: ColumnsRobot,
-    unit: str,
+    given: TableMap,
     said: Mapping[str, str],
 ) -> Recording:
     joints = fitted.joints
@@ -721,6 +723,8 @@ def _recording(
     if "fx" in values:
         zero = np.zeros(values["t"].size)
         wrench = np.stack([values.get(name, zero) for name in WRENCH], axis=1)
+        if given.force_axes:
+            wrench = _of_base(wrench, given.force_axes, fitted, stacked["q"])
     metres = joints and all(j.unit == "m" for j in joints)
     names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in order)
     return Recording(
@@ -736,5 +740,17 @@ def _recording(
         current=stacked.get("current"),
         temperature=stacked.get("temperature"),
         robot=fitted.robot,
-        metadata={"unit": unit or ("m" if metres else "rad"), **said},
+        metadata={"unit": given.unit or ("m" if metres else "rad"), **said},
     )
+
+
+def _of_base(wrench: FloatArray, link: str, fitted: ColumnsRobot, q: FloatArray) -> FloatArray:
+    """A wrench (n, 6) that the map says to be in the axes of a link, in axes of the base."""
+    names = [j.name for j in fitted.joints]
+    axes = frame_axes(fitted.robot.urdf, link, names, q) if fitted.robot.urdf else None
+    if axes is None:
+        raise DataError(
+            f"[robot] force_axes = {link!r}: the robot's description has no such link; give the "
+            "URDF (--robot) and the name of the link that carries the sensor"
+        )
+    return in_base_axes(wrench, axes)

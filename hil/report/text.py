@@ -16,11 +16,11 @@ from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY, LOST
-from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, UNLIKE
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.unnamed import told
-from hil.diagnosis.verdict import COMMON, NO_GEOMETRY, only_there
+from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, only_there
 from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
@@ -72,6 +72,8 @@ LEADING = (
     DIFFER,
     BLURRED,
     CHANGED,
+    PUSHED,
+    HIGH_FLOOR,
     UNLIKE,
     COMMON,
 )
@@ -316,6 +318,8 @@ def details(m: Material) -> list[str]:
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
         + _said(m, RECORDED_LATE)
+        + _said(m, PUSHED)
+        + _said(m, HIGH_FLOOR)
         + _said(m, LOST)
         + _said(m, GRAVITY)
         + [_finding(m, f) for f in m.findings]
