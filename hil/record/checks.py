@@ -22,7 +22,7 @@ from hil.errors import DataError, plural
 from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import TURN, described, wraps
-from hil.record.recording import STATED, Recording
+from hil.record.recording import STATED, UNIT_SAID, Recording
 from hil.record.urdf_joints import UrdfJoint, urdf_joints
 
 
@@ -222,7 +222,8 @@ def _units(r: Recording) -> Iterator[DataFault]:
     for k, name in enumerate(r.joints):
         joint = listed[k] if described else UrdfJoint(name, unit)
         q = r.q[:, k]
-        if str(k + 1) not in stated and physics.unit_doubt(q, joint, described):
+        doubted = str(k + 1) not in stated and UNIT_SAID not in r.metadata
+        if doubted and physics.unit_doubt(q, joint, described):
             what = "degrees" if joint.unit == "rad" else "millimetres"
             yield DataFault(
                 "unit",

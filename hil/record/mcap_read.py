@@ -21,6 +21,7 @@ from hil.record.recording import (
     AS_IS,
     LOCKED,
     STATED,
+    UNIT_SAID,
     UNWRAPPED,
     Recording,
     RobotSource,
@@ -63,7 +64,7 @@ def recording(box: Container, arm: str) -> Recording:
         )
     urdf = box.attachments.get(f"robot/{arm}.urdf", b"").decode(errors="replace")
     preset = "" if urdf else info.get("preset", "single-axis")
-    kept = ("unit", LOCKED, STATED, UNWRAPPED, AS_IS)
+    kept = ("unit", LOCKED, STATED, UNIT_SAID, UNWRAPPED, AS_IS)
     metadata = {k: v for k, v in info.items() if k in kept or k.startswith(SIGNAL)}
     metadata |= {f"session.{k}": v for k, v in box.metadata.get("session", {}).items()}
     t = box.seconds(topics["measured_js"])

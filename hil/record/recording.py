@@ -65,6 +65,8 @@ BEGAN, BEGAN_BY = "began_s", "began_by"
 LOCKED = "locked"
 #: Metadata: numbers of the joints whose unit was said, so that nobody doubts it.
 STATED = "units_stated"
+#: ... and the unit of all of them that the user has said when importing.
+UNIT_SAID = "unit_said"
 #: Metadata: what was said of positions that wrap and were unwrapped, and the numbers of the joints
 #: whose positions were to be left as they are.
 UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"

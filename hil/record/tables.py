@@ -31,7 +31,14 @@ from hil.record.locked import (
     in_base_axes,
 )
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
-from hil.record.recording import AS_IS, STATED, UNWRAPPED, Recording, RobotSource
+from hil.record.recording import (
+    AS_IS,
+    STATED,
+    UNIT_SAID,
+    UNWRAPPED,
+    Recording,
+    RobotSource,
+)
 from hil.record.schema import LAST_S, Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import FACTORS, epoch_unit, stem_of, time_unit
@@ -586,8 +593,8 @@ def _arm(
     ]
     said |= {UNWRAPPED: "; ".join(told)} if told else {}
     notes += [f"{text} (unwrap = false in its column of a map keeps it)" for text in told]
-    unit_said = bool(given.unit)  # the user has answered
-    positions = [replace(r, stated=unit_said or r.stated or _turns(r, wrapped)) for r in positions]
+    positions = [replace(r, stated=r.stated or _turns(r, wrapped)) for r in positions]
+    said |= {UNIT_SAID: given.unit} if given.unit else {}
     stated = " ".join(str(k + 1) for k, rule in enumerate(positions) if rule.stated)
     said |= {STATED: stated} if stated else {}
     kept = " ".join(str(k + 1) for k, rule in enumerate(positions) if not rule.unwrap)

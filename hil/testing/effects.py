@@ -33,7 +33,7 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
     ------
     str, Motion
         1 to 3 joints, moving and at standstill, with and without an external effort and a
-        known surface; the three-joint robot has geometry.
+        known surface; the three-joint robot has geometry.  One joint over several turns.
     """
     for d in (1, 2, 3):
         names = tuple(f"joint{k + 1}" for k in range(d))
@@ -42,6 +42,10 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
             what = "with" if external else "without"
             yield f"{d} joints moving, {what} external effort", _moving(robot, n, seed, external)
         yield f"{d} joints at standstill", _still(robot, n)
+    yield (
+        "1 joint over several turns",
+        _moving(IndependentAxes(("joint1",)), n, 21, False, turns=3.0),
+    )
 
 
 class _Geared(Premium):
@@ -50,8 +54,8 @@ class _Geared(Premium):
     has_armature = True
 
 
-def _moving(robot: Robot, n: int, seed: int, external: bool) -> Motion:
-    """Sum of seeded random sines up to 3 Hz, with exact derivatives."""
+def _moving(robot: Robot, n: int, seed: int, external: bool, turns: float = 0.0) -> Motion:
+    """Sum of seeded random sines up to 3 Hz, with exact derivatives; over some turns, if asked."""
     rng, d = np.random.default_rng(seed), len(robot.joints)
     t = np.arange(n, dtype=np.float64) / 128.0
     w = 2 * np.pi * rng.uniform(0.1, 3.0, (d, 8))
@@ -60,6 +64,8 @@ def _moving(robot: Robot, n: int, seed: int, external: bool) -> Motion:
     q = np.sum(size * np.sin(angle), axis=2)
     qd = np.sum(size * w * np.cos(angle), axis=2)
     qdd = -np.sum(size * w**2 * np.sin(angle), axis=2)
+    if turns:
+        q, qd, qdd = (x * (2 * np.pi * turns / np.ptp(q)) for x in (q, qd, qdd))
     tau = 0.1 * qdd + 0.05 * np.tanh(qd / 0.01) + 0.01 * q
     push = 0.2 * np.sin(2.0 * np.pi * 0.7 * t)[:, None] * np.ones(d) if external else 0.0 * q
     middle = np.stack([q.mean(axis=0), np.where(np.arange(d) % 2, -1.0, 1.0)], axis=1)

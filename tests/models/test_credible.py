@@ -52,6 +52,7 @@ ANY = {
     "payload",
     "spring",
     "unbalance",
+    "variable-inertia",
     "position-torque",
     "periodic-disturbance",
     "force-bias",
