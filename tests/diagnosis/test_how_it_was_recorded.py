@@ -12,6 +12,7 @@ import hil
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.urdf import UrdfRobot
+from hil.record.checks import check
 
 
 def test_a_joint_without_an_effort_says_nothing_and_spoils_nothing():
@@ -147,3 +148,80 @@ def test_a_model_file_holds_the_filter_that_was_undone(tmp_path):
     again = hil.compare(runs[1:], model, simulate=False)
     assert again.result.problem.alignment.poles == 2
     assert again.heldout.relative[0] < 1.5 * d.ladder[-1].heldout.relative[0]
+
+
+def _averaged(seed, samples):
+    """An axis whose efforts are means of so many past samples."""
+    run = _axis(seed)
+    tau = scipy.signal.lfilter(np.ones(samples) / samples, 1.0, run.tau, axis=0)
+    return replace(run, t=run.t[50:], q=run.q[50:], tau=tau[50:])
+
+
+@pytest.mark.parametrize("samples", [10, 15])
+def test_a_moving_average_of_the_recorded_efforts_is_undone(samples, tmp_path):
+    runs = [_averaged(seed, samples) for seed in (1, 2)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    assert d.verdict == "adequate" and not d.findings
+    found = d.ladder[-1].result.problem.alignment
+    assert found.poles == 0 and 2 * found.lag == pytest.approx(samples / 250.0, rel=0.1)
+    assert d.ladder[-1].heldout.relative[0] < 0.6
+    said = [text for code, text in d.warnings if code == "recorded-late"]
+    assert len(said) == 1 and "moving average over" in said[0]
+    write_model(d.model, tmp_path / "m.toml")
+    again = hil.compare(runs[1:], read_model(tmp_path / "m.toml").as_it_is(), simulate=False)
+    assert again.result.problem.alignment.poles == 0
+    assert again.heldout.relative[0] < 1.5 * d.ladder[-1].heldout.relative[0]
+
+
+def _arm(seed, push=0.0):
+    """An arm of five joints, its force F(t) at the tip, and the motors that balance it."""
+    run = plants.serial_arm(5, seed, seconds=10.0)
+    rng, robot = np.random.default_rng(seed + 40), UrdfRobot(run.robot.urdf)
+    w, phase = 2 * np.pi * rng.uniform(0.1, 0.8, (3, 3)), rng.uniform(0, 6.28, (3, 3))
+    force = push * plants.sines(run.t, w, np.ones((3, 3)), phase)[0]
+    wrench = np.concatenate([force, np.zeros_like(force)], axis=1)
+    return replace(run, tau=run.tau - robot.external(run.q, wrench)), wrench, robot
+
+
+def test_a_push_at_the_tip_that_nobody_measured_is_told():
+    run, _, _ = _arm(1, push=6.0)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    told = [text for code, text in d.warnings if code == "pushed"]
+    assert d.verdict == "unexplained" and not d.findings
+    assert len(told) == 1 and "Record it" in told[0]
+    quiet, _, _ = _arm(1)
+    assert not [
+        w for w in hil.diagnose([quiet], hil.base_model(run.robot)).warnings if w[0] == "pushed"
+    ]
+
+
+def test_a_force_in_axes_of_the_tip_is_told_and_of_the_base_is_right():
+    run, wrench, robot = _arm(1, push=6.0)
+    model = hil.base_model(run.robot)
+    axes = robot.tip_axes(run.q)
+    sensed = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, :3]), wrench[:, 3:]], axis=1)
+    wrong = hil.diagnose([replace(run, wrench=sensed)], model)
+    assert wrong.verdict == "bad-data"
+    assert [code for code, _ in wrong.warnings] == ["force-axes"]
+    right = hil.diagnose([replace(run, wrench=wrench)], model)
+    assert right.verdict == "adequate" and not right.findings
+
+
+def test_a_force_of_the_wrong_sign_is_told_once():
+    run, wrench, _ = _arm(1, push=6.0)
+    d = hil.diagnose([replace(run, wrench=-wrench)], hil.base_model(run.robot))
+    assert d.verdict == "bad-data" and [code for code, _ in d.warnings] == ["external-sign"]
+    assert "fx, fy and fz" in d.warnings[0][1]
+
+
+def test_an_effort_channel_that_was_recorded_twice_is_a_fault():
+    run, _, _ = _arm(1)
+    tau = run.tau.copy()
+    tau[:, 2] = tau[:, 1]
+    d = hil.diagnose([replace(run, tau=tau)], hil.base_model(run.robot))
+    assert d.verdict == "bad-data"
+    assert d.warnings[0][0] == "doubled" and "tau3" in d.warnings[0][1]
+    # two drives of one axis that get the same command
+    q = run.q.copy()
+    q[:, 2] = q[:, 1]
+    assert not [f for f in check(replace(run, tau=tau, q=q)) if f.code == "doubled"]
