@@ -157,14 +157,14 @@ def _averaged(seed, samples):
     return replace(run, t=run.t[50:], q=run.q[50:], tau=tau[50:])
 
 
-@pytest.mark.parametrize("samples", [10, 15])
-def test_a_moving_average_of_the_recorded_efforts_is_undone(samples, tmp_path):
+@pytest.mark.parametrize(("samples", "most"), [(10, 0.6), (15, 0.9)])
+def test_a_moving_average_of_the_recorded_efforts_is_undone(samples, most, tmp_path):
     runs = [_averaged(seed, samples) for seed in (1, 2)]
     d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
     assert d.verdict == "adequate" and not d.findings
     found = d.ladder[-1].result.problem.alignment
     assert found.poles == 0 and 2 * found.lag == pytest.approx(samples / 250.0, rel=0.1)
-    assert d.ladder[-1].heldout.relative[0] < 0.6
+    assert d.ladder[-1].heldout.relative[0] < most
     said = [text for code, text in d.warnings if code == "recorded-late"]
     assert len(said) == 1 and "moving average over" in said[0]
     write_model(d.model, tmp_path / "m.toml")
