@@ -160,8 +160,8 @@ class Margin:
         return self.used < -1e-9
 
 
-def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | None) -> list[Margin]:
-    """Margins of a motion to each limit.
+def margins(x: Trajectory, limits: Limits, robot: Robot) -> list[Margin]:
+    """Margins of a motion to each limit of position and speed; `torques` has the others.
 
     Parameters
     ----------
@@ -171,8 +171,6 @@ def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | No
         The limits.
     robot : Robot
         Geometry and units.
-    effort : ndarray (n, d) or None
-        Predicted effort at `grid(x, RATE)` [N m or N]; None leaves torque out.
     """
     q, qd, _ = sample(x, grid(x, CHECK_RATE))
     units = dict(zip(robot.joints, robot.units, strict=True))
@@ -188,11 +186,16 @@ def margins(x: Trajectory, limits: Limits, robot: Robot, effort: FloatArray | No
     for j, (name, unit) in enumerate(units.items()):
         speed = float(np.max(np.abs(qd[:, j])))
         out.append(Margin(f"speed {name}", speed, float(limits.speed[j]), f"{unit}/s"))
-    if effort is not None:
-        for j, (name, unit) in enumerate(units.items()):
-            peak = float(np.max(np.abs(effort[:, j])))
-            torque = float(limits.torque[j])
-            out.append(Margin(f"torque {name}", peak, torque, "N" if unit == "m" else "N m"))
+    return out
+
+
+def torques(limits: Limits, robot: Robot, effort: FloatArray) -> list[Margin]:
+    """Margins of predicted efforts (n, d) [N m or N] to each torque limit."""
+    out = []
+    for j, (name, unit) in enumerate(zip(robot.joints, robot.units, strict=True)):
+        peak = float(np.max(np.abs(effort[:, j])))
+        torque = float(limits.torque[j])
+        out.append(Margin(f"torque {name}", peak, torque, "N" if unit == "m" else "N m"))
     return out
 
 
@@ -215,7 +218,7 @@ def check(x: Trajectory, limits: Limits, robot: Robot, rate: float) -> None:
             f"trajectory {x.name!r} changes within {1e3 * quick:.3g} ms; at {rate:g} Hz at least "
             f"{1e4 / rate:.3g} ms are needed"
         )
-    broken = [m for m in margins(x, limits, robot, None) if m.broken]
+    broken = [m for m in margins(x, limits, robot) if m.broken]
     if broken:
         m = broken[0]
         text = (

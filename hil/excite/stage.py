@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite.foresee import efforts, nominal, problem_of
-from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot
+from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot, torques
 from hil.excite.question import Question, ready
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify import standstill
@@ -155,25 +155,29 @@ def fitted(
     for _ in range(SIZES):
         sizes.append(sizes[-1].shrunk(SMALLER, limits.center))
 
-    def foreseen_at(k: int) -> tuple[Trajectory, Problem, list[Margin]]:
+    def foreseen_at(k: int, free: list[Margin]) -> tuple[Trajectory, Problem, list[Margin]]:
         problem = ready(stage.foresee(sizes[k]), question)
-        found = margins(sizes[k], limits, robot, efforts(problem))
+        found = free + torques(limits, robot, efforts(problem))
         # one that is too large at any size is played smaller still
         return sizes[k + any(_beyond(m) for m in found)], problem, found
 
+    def unloaded(k: int) -> list[Margin]:
+        return margins(sizes[k], limits, robot)
+
     last, first = SIZES - 1, True
     for k in range(last):
-        if any(_beyond(m) for m in margins(sizes[k], limits, robot, None)):
+        free = unloaded(k)
+        if any(_beyond(m) for m in free):
             continue
-        out = foreseen_at(k)
+        out = foreseen_at(k, free)
         if out[0] is sizes[k]:
             return out
         if first and _passes_middle(motion, stage.space):
-            smallest = foreseen_at(last)
+            smallest = foreseen_at(last, unloaded(last))
             if smallest[0] is not sizes[last]:
                 return smallest
         first = False
-    return foreseen_at(last)
+    return foreseen_at(last, unloaded(last))
 
 
 #: Sizes of a motion that are tried, each by so much smaller than the one before.

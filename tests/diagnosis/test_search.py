@@ -127,7 +127,7 @@ def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
         load = 0.1 * a - push(t, q, v)
         return (0.4 + 0.3 * np.abs(load)) * z - 0.3 * np.tanh(v / 0.02)
 
-    d = said(plants.smooth_axis(4, seconds=60.0, push=push, extra=extra))
+    d = said(plants.smooth_axis(4, seconds=40.0, push=push, extra=extra))
     assert named(d)[:2] == ["presliding", "load-friction"]
     mu = next(f for f in d.findings if f.effect == "load-friction").parameters
     assert mu["j1.load-friction.mu"].value == pytest.approx(0.3, rel=0.15)

@@ -1,12 +1,16 @@
 """What is said beside the names: one cause of several, a blind joint, a value that changed."""
 
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 
 import plants
+import pytest
 
 from hil.cli import main
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
+from hil.diagnosis import engine
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import COMMON
@@ -14,9 +18,20 @@ from hil.models.model import base_model
 from hil.record.export import write_recordings
 
 
-def test_one_lateness_of_all_joints_is_one_cause():
-    run = plants.late_axes((6, 6))
-    d = diagnose([run], base_model(run.robot))
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """All joints late by the same time: the diagnosis that `hil improve` made, and its words."""
+    folder, found, shown = tmp_path_factory.mktemp("late"), [], StringIO()
+    write_recordings(str(folder / "a.mcap"), [plants.late_axes((6, 6))])
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown):
+        patch.setattr(engine, "diagnose", lambda *a: found.append(diagnose(*a)) or found[-1])
+        assert main(["improve", str(folder / "a.mcap"), "-o", str(folder / "m.toml")]) == 0
+    (d,) = found
+    return d, shown.getvalue()
+
+
+def test_one_lateness_of_all_joints_is_one_cause(late):
+    d, _ = late
     (sentence,) = [x for code, x in d.warnings if code == COMMON]
     assert sentence.startswith("joint1, joint2 are late by the same time, 12 ms")
     assert text(d, ladder(d)).count(sentence) == 1
@@ -45,12 +60,9 @@ def test_a_comparison_says_what_changed_at_once():
     )
 
 
-def test_an_improved_model_says_which_of_its_names_are_not_settled(tmp_path, capsys):
-    write_recordings(str(tmp_path / "a.mcap"), [plants.late_axes((6, 6))])
-    assert main(["improve", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "m.toml")]) == 0
-    shown = capsys.readouterr().out
-    run = plants.late_axes((6, 6))
-    open_names = [f.joint for f in diagnose([run], base_model(run.robot)).findings if f.rivals]
+def test_an_improved_model_says_which_of_its_names_are_not_settled(late, tmp_path, capsys):
+    d, shown = late
+    open_names = [f.joint for f in d.findings if f.rivals]
     assert open_names
     for joint in ("joint1", "joint2"):
         line = f"not settled: delay on {joint} or actuator-lag; these data fit either"

@@ -99,7 +99,7 @@ def test_the_menu_keeps_to_the_limits(name, joint):
     robot, limits, space = premium()
     x = menu.MENU[name](space, joint, 30.0)
     check(x, limits, robot, 1000.0)
-    assert not [m for m in margins(x, limits, robot, None) if m.broken]
+    assert not [m for m in margins(x, limits, robot) if m.broken]
     _, _, qdd = sample(x, grid(x, 1000.0))
     assert np.abs(qdd).max() < 60.0
 

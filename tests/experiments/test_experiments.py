@@ -27,14 +27,23 @@ def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
     assert 0 < found["compiled_us"] < found["reference_us"]
 
 
-def test_manual_excitation_says_what_is_not_identifiable(capsys):
+@pytest.fixture
+def short(monkeypatch):
+    """Sessions of ten seconds for the motors and for the hand that judges."""
+    monkeypatch.setattr(manual_excitation, "_PLAYED", 10.0)
+    monkeypatch.setattr(manual_excitation, "_JUDGED", 10.0)
+
+
+def test_manual_excitation_says_what_is_not_identifiable(capsys, monkeypatch, short):
+    on_the_rig = partial(manual_excitation.on_the_rig, seconds=10.0)
+    monkeypatch.setattr(manual_excitation, "on_the_rig", on_the_rig)
     assert main(["experiment", "manual-excitation"]) == 0
     said = capsys.readouterr().out
     for line in ("16 of 17", "14 of 17", "17 of 17", "only ratios are known", "dither"):
         assert line in said
 
 
-def test_motor_constants_come_out_of_a_session_of_the_simulated_rig():
+def test_motor_constants_come_out_of_a_session_of_the_simulated_rig(short):
     found = manual_excitation.on_the_rig(2, 25.0)
     assert all(r.found.rank == 17 for r in found)
     built, wrong = (r.found for r in found)

@@ -24,6 +24,7 @@ from hil.bench import teleop as bench
 from hil.cli import main
 from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
+from hil.experiments import friction_network
 from hil.experiments.pages import SeedMean, bars, lines, means
 from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
@@ -227,6 +228,8 @@ def test_the_results_say_the_seeds_of_every_study(name):
 def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
     few = {n: experiment.EXPERIMENTS[n] for n in ("elastic-ukf", "friction-network")}
     monkeypatch.setattr(experiment, "EXPERIMENTS", few)
+    motion = friction_network.motion
+    monkeypatch.setattr(friction_network, "motion", lambda s, seed: motion(s / 6, seed))
     assert main(["experiment", "--all", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert list(data["studies"]) == list(data["seconds"]) == list(few)

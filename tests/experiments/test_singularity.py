@@ -11,6 +11,12 @@ from hil.teleop import force_sensor_free
 from hil.teleop.architecture import Design
 
 
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Runs of three seconds: the last of them, a whole period of the hand, is watched."""
+    monkeypatch.setattr(singularity, "_SECONDS", 3.0)
+
+
 @pytest.mark.parametrize("kappa", [1.5, 3.9])
 def test_the_shared_force_gives_the_condition_of_q(kappa):
     c2 = float(singularity.share(kappa))

@@ -199,7 +199,9 @@ def test_without_a_recording_it_is_only_translated(made, tmp_path):
 def test_gravity_of_an_unknown_geometry_goes_with_the_model(tmp_path):
     run = plants.double_pendulum()
     path = tmp_path / "m.toml"
-    write_model(hil.diagnose([run], base_model(run.robot)).model, path)
+    # what a diagnosis adds: tests/diagnosis/test_unknown_robot.py
+    model = base_model(run.robot) + "generic-gravity" + "generic-inertia" + "generic-posture"
+    write_model(hil.fit([run], model).model, path)
     made = get("python").make(Job(read_model(path), path, "pendulum"))
     assert not any("generic" in x for x in made.lost)
     q = np.array([[0.0, 0.0], [0.5, -0.4], [-0.6, 0.3]])

@@ -68,7 +68,9 @@ def test_a_simulation_sees_of_every_effect_what_the_fit_sees() -> None:
     for name, e in followed.items():
         for shape in problem.grid(e, 0):
             along = e.columns(motion, 0, shape)
-            assert e.columns(motion.at_states(*states), 0, shape) == pytest.approx(along), name
+            off = np.abs(e.columns(motion.at_states(*states), 0, shape) - along)
+            # as pytest.approx, of which a million numbers take ten seconds
+            assert np.all(off <= np.maximum(1e-6 * np.abs(along), 1e-12)), name
 
 
 def test_friction_of_a_gear_takes_part_in_a_simulation() -> None:

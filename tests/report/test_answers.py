@@ -34,6 +34,13 @@ def plain():
     return diagnose([run], model(run))
 
 
+@pytest.fixture(scope="module")
+def late():
+    """Two drives that are late by times of their own."""
+    run = plants.late_axes((4, 12))
+    return diagnose([run], model(run))
+
+
 def test_what_no_motion_tells_takes_one_line_unless_asked_for(plain):
     short, long = (text(plain, ladder(plain), verbose=v) for v in (False, True))
     assert "not separable by motion alone: torque-gain from every other parameter" in short
@@ -54,9 +61,8 @@ def test_what_bears_on_the_answer_is_told_in_full(plain):
         plain.partial = own
 
 
-def test_the_first_answer_is_one_screen():
-    run = plants.late_axes((4, 12))
-    d = diagnose([run], model(run))
+def test_the_first_answer_is_one_screen(late):
+    d = late
     files = Files(("a b.mcap",), more=("--robot", "arm.urdf"), model="")
     lines = short(d, ladder(d), files).splitlines()
     assert lines[0].startswith("Verdict: ")
@@ -190,14 +196,12 @@ def test_both_errors_have_one_name_and_a_sentence(plain, tmp_path):
     assert "values of the model file; nothing was fitted; errors on these sessions" in compared
 
 
-def test_what_is_to_be_accepted_is_a_command():
-    run = plants.late_axes((4, 12))
-    d = diagnose([run], model(run))
-    lines = short(d, ladder(d), Files(("a.mcap",), model="m.toml")).splitlines()
+def test_what_is_to_be_accepted_is_a_command(late):
+    lines = short(late, ladder(late), Files(("a.mcap",), model="m.toml")).splitlines()
     at = next(k for k, line in enumerate(lines) if line.startswith("  - Accept"))
     assert lines[at].endswith("all parameters are fitted again:")
     assert lines[at + 1].startswith("    hil add ")
-    assert not any("Accept" in line for line in short(d, ladder(d), None).splitlines())
+    assert not any("Accept" in line for line in short(late, ladder(late), None).splitlines())
 
 
 def test_a_rig_s_arm_stands_in_the_verdict():

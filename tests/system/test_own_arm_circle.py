@@ -19,8 +19,8 @@ def circle(tmp_path_factory):
         text = rig_path("arm6").with_name(name).read_text()
         (folder / name).write_text(text + HIDDEN * name.endswith("toml"))
     rig, motion, session = (str(folder / n) for n in ("arm6.toml", "first.toml", "first.mcap"))
-    assert main(["excite", rig, "-o", motion, "--seconds", "10"]) == 0
-    asked = ["--trajectory", motion, "--seconds", "12", "--clock", "lockstep"]
+    assert main(["excite", rig, "-o", motion, "--seconds", "7"]) == 0
+    asked = ["--trajectory", motion, "--seconds", "9", "--clock", "lockstep"]
     assert main(["run", rig, *asked, "-o", session]) == 0
     return folder, rig, session
 
