@@ -331,9 +331,12 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
         r = J' F + e,   F the force in base axes that leaves least e,
 
     each joint in units of its rms.  Noise gives each of the d - 3 values of e as much power as each
-    of the 3 of F.  Noise of the positions may act on several joints, too; it is fast.
+    of the 3 of F.  Noise of the positions may act on several joints, too; it is fast.  Beside a
+    measured force nothing is said: what is left may be that sensor's.
     """
     problem = result.problem
+    if any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings):
+        return []
     robot, moves = problem.motions[0].robot, np.flatnonzero(~problem.holds & felt)
     free = moves.size - FORCE
     if free < 1 or result.model.explains != "motor" or robot.tree is None:
