@@ -5,6 +5,9 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis.candidates import Rated
+from hil.diagnosis.grams import BlockErrors
+from hil.diagnosis.naming import _judged_on
 
 
 def _pendulum(seed, size, load=0.15, lean=0.12):
@@ -59,3 +62,17 @@ def test_a_start_that_its_own_search_leaves_again_is_no_rival(monkeypatch):
     run = _pendulum(1, 1.0, lean=0.0)
     d = hil.diagnose([run], hil.base_model(run.robot))
     assert d.findings and len(d.ladder) > 1
+
+
+def test_an_effect_of_the_robot_is_weighed_on_the_joint_of_its_name():
+    """It takes most of the second joint's error, and nearly all of the first one's, too."""
+    count = np.full((4, 2), 10.0)
+    now = BlockErrors(np.array([[8.0, 4.0]] * 4), count)
+    errors = BlockErrors(np.array([[1.0, 0.1]] * 4), count)
+    there = Rated(
+        None, now, errors, now.squared[:, 1] - errors.squared[:, 1], 0.4, 0.01, 1, len, len
+    )
+    here = _judged_on(there, 0)
+    assert here.joint == 0 and here.removed == pytest.approx(0.7)
+    assert list(here.fall) == [7.0] * 4
+    assert _judged_on(there, 1) is there
