@@ -217,7 +217,7 @@ def time_spectra(result: FitResult, floor: Floor, j: int) -> list[Spectrum]:
 def lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
     """The strongest place above its band in each spectrum of joint j, as a sentence."""
     joint, units = result.problem.joints[j], result.problem.robot.units
-    effort = "N" if units[j] == "m" else "N m"
+    effort, rms = "N" if units[j] == "m" else "N m", result.problem.rms(result.problem.effort)
     excess = max(float(result.rms[j] ** 2 - floor.rms[j] ** 2), 1e-300)
     out = []
     for s in [*order_spectra(result, floor, j), *time_spectra(result, floor, j)]:
@@ -227,7 +227,8 @@ def lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
             continue
         low = float(s.x[k - 1] if s.feature == "frequency" and k else s.x[k])
         power = float(s.amplitude[k] ** 2) / (1 if s.feature == "frequency" else 2)
-        size = f"{s.amplitude[k]:.2g} {effort}, {strength[k]:.1f} times its noise band"
+        share = _of_effort(float(s.amplitude[k]), float(rms[j]))
+        size = f"{s.amplitude[k]:.2g} {effort}{share}, {strength[k]:.1f} times its noise band"
         out.append(
             Line(
                 s.feature,
@@ -321,15 +322,17 @@ class View:
     band: FloatArray
     count: NDArray[np.int_]
     effort: str = ""
+    #: Rms effort of the joint.
+    size: float = 0.0
 
 
 def views(result: FitResult, floor: Floor) -> list[View]:
     """All views of all joints."""
-    out = []
+    out, sizes = [], result.problem.rms(result.problem.effort)
     for j, joint in enumerate(result.problem.joints):
         if result.problem.holds[j]:
             continue  # nothing is judged there
-        r = result.residual[j]
+        r, size = result.residual[j], float(sizes[j])
         for name, unit, values, edges in features(result, j):
             edges = np.unique(edges)
             if edges.size < 3:
@@ -342,9 +345,14 @@ def views(result: FitResult, floor: Floor) -> list[View]:
             power = np.bincount(where[inside], r[inside] ** 2, minlength=edges.size - 1) / n
             # three standard errors of a mean of n / inflation independent values
             band = 3 * floor.scale[j] * np.sqrt(floor.inflation[j] / n)
-            effort = "N" if result.problem.robot.units[j] == "m" else "N m"
-            out.append(View(joint, name, unit, edges, mean, np.sqrt(power), band, count, effort))
+            effort, rms = "N" if result.problem.robot.units[j] == "m" else "N m", np.sqrt(power)
+            out.append(View(joint, name, unit, edges, mean, rms, band, count, effort, size))
     return out
+
+
+def _of_effort(value: float, size: float) -> str:
+    """A value in percent of the joint's rms effort; empty where that is none."""
+    return f" ({100 * value / size:.2g} % of the rms effort)" if size > 0 else ""
 
 
 def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Region]]:
@@ -417,7 +425,8 @@ def _region(view: View, k: int, strength: float, share: float) -> Region:
     side = "too little" if view.mean[k] > 0 else "too much"
     text = (
         f"{view.joint}: {what} the model predicts {side} effort by "
-        f"{abs(view.mean[k]):.2g} {view.effort} on average, {strength:.1f} times its noise band"
+        f"{abs(view.mean[k]):.2g} {view.effort} on average"
+        f"{_of_effort(abs(view.mean[k]), view.size)}, {strength:.1f} times its noise band"
     )
     return Region(
         view.joint,
