@@ -339,10 +339,10 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
         return []
     robot, moves = problem.motions[0].robot, np.flatnonzero(~problem.holds & felt)
     free = moves.size - FORCE
-    if free < 1 or result.model.explains != "motor" or robot.tree is None:
+    q = np.ascontiguousarray(problem.q.T)
+    if free < 1 or result.model.explains != "motor" or robot.tip_axes(q[:1]) is None:
         return []
     scale = np.maximum(result.rms, 1e-300)
-    q = np.ascontiguousarray(problem.q.T)
     of_unit = [robot.external(q, np.tile(np.eye(6)[k], (len(q), 1))) for k in range(FORCE)]
     r, x = (result.residual / scale[:, None]).T, np.stack(of_unit, axis=2) / scale[:, None]
     r, x = r[:, moves], x[:, moves]

@@ -21,7 +21,9 @@ _ARITHMETIC = {
     "grams": {"BOUND_ROUNDS"},
     "heldout": {"RESOLUTION_RATIO"},
     "naming": {"DRAWS", "STARTS", "ROUNDS"},
-    "residual_tests": {"INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED"},
+    "residual_tests": {
+        "INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED", "FORCE",
+    },
     "residuals": {"HIGHEST_ORDER"},
     "search": {"HINTS"},
     "types": {"FLIPS"},

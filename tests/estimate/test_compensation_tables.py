@@ -42,6 +42,7 @@ REFUSED = {
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
     "encoder-eccentricity", "missed-counts", "filter-lag", "elastic-transmission",
+    "variable-inertia",
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
