@@ -13,6 +13,7 @@ from record_tables import columns, write_csv
 
 from hil.cli import main
 from hil.errors import ConfigError
+from hil.models.urdf import UrdfRobot
 from hil.record.guess import propose, quantity
 from hil.record.mapfile import parse_map
 from hil.record.mcap_read import load
@@ -298,3 +299,44 @@ def test_whole_numbers_over_hundreds_of_radians_are_doubted(tmp_path, capsys):
     assert "q1 (joint1) holds whole numbers only" in capsys.readouterr().err
     assert main([*words, "--unit", "rad"]) == 0
     assert "holds whole numbers only" in capsys.readouterr().out
+
+
+def test_a_unit_that_was_said_is_not_doubted_afterwards(tmp_path, capsys):
+    t = np.arange(4000) * 0.01
+    turning = {"t": t, "q1": 40.0 * np.sin(0.3 * t), "tau1": np.cos(0.3 * t)}
+    table = write_csv(tmp_path / "a.csv", turning)
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert "look like degrees" in capsys.readouterr().err
+    assert main([*words, "--unit", "rad"]) == 0
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert "in degrees?" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("link", "known"), [("tip", True), ("hand", False)])
+def test_a_map_says_in_whose_axes_the_force_is(tmp_path, capsys, link, known):
+    run = plants.serial_arm(3, 1, seconds=4.0)
+    (tmp_path / "arm.urdf").write_text(run.robot.urdf)
+    (tmp_path / "m.toml").write_text(f'[robot]\nforce_axes = "{link}"\n')
+    columns = {"t": run.t}
+    for k in range(3):
+        columns |= {f"q{k + 1}": run.q[:, k], f"tau{k + 1}": run.tau[:, k]}
+    force = np.stack([np.sin(run.t), np.cos(2 * run.t), 0.3 * run.t], axis=1)
+    columns |= dict(zip(("fx", "fy", "fz"), force.T, strict=True))
+    table = write_csv(tmp_path / "a.csv", columns)
+    words = [
+        "import",
+        str(table),
+        "--map",
+        str(tmp_path / "m.toml"),
+        "-o",
+        str(tmp_path / "s.mcap"),
+    ]
+    code = main([*words, "--robot", str(tmp_path / "arm.urdf")])
+    if not known:
+        assert code == 2 and "no such link" in capsys.readouterr().err
+        return
+    assert code == 0
+    axes = UrdfRobot(run.robot.urdf).tip_axes(run.q)
+    wanted = np.einsum("nij,nj->ni", axes, force)
+    np.testing.assert_allclose(load(str(tmp_path / "s.mcap")).wrench[:, :3], wanted, atol=1e-6)
