@@ -30,7 +30,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, typical_speed
-from hil.models.formula import evaluate, states
+from hil.models.formula import evaluated, states
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import slip_state
@@ -480,7 +480,7 @@ def _evaluated(texts: Texts, motion: Motion, j: int) -> FloatArray:
     """Columns (n, m) of formulas in the joints' states."""
     q, v, a = motion.q, motion.qd, motion.qdd
     state = states(motion.d, lambda k: q[:, k], lambda k: v[:, k], lambda k: a[:, k])
-    return np.stack([evaluate(text, state) for text in texts(motion, j)], axis=1)
+    return np.stack(evaluated(tuple(texts(motion, j)), state), axis=1)
 
 
 def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:

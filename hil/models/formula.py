@@ -18,7 +18,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar
@@ -125,24 +125,72 @@ def evaluate(text: str, values: Mapping[str, FloatArray | float]) -> FloatArray:
     ConfigError
         If a name has no value.
     """
-    lacking = names(text) - set(values)
-    if lacking:
-        raise ConfigError(f"formula {text!r}: no value of {', '.join(sorted(lacking))}")
-    return _value(parsed(text), {"pi": math.pi, **values})
+    return evaluated((text,), values)[0]
 
 
-def _value(node: ast.expr, values: Mapping[str, FloatArray | float]) -> FloatArray:
+def evaluated(texts: Sequence[str], values: Mapping[str, FloatArray | float]) -> list[FloatArray]:
+    """Values of several formulas; what they have in common is computed once.
+
+    Raises
+    ------
+    ConfigError
+        If a name has no value.
+    """
+    plan = _planned(tuple(texts))
+    for text, needed in zip(texts, plan.names, strict=True):
+        if not needed <= values.keys():
+            lacking = ", ".join(sorted(needed - values.keys()))
+            raise ConfigError(f"formula {text!r}: no value of {lacking}")
+    found: list[FloatArray] = []
+    for step in plan.steps:
+        if step.form is None:
+            value = values[step.source] if isinstance(step.source, str) else step.source
+            found.append(np.asarray(value, dtype=np.float64))
+        else:
+            found.append(step.form(*(found[k] for k in step.args)))
+    return [found[k] for k in plan.ends]
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A function of earlier steps, or a name or number where `form` is None."""
+
+    form: Callable[..., FloatArray] | None
+    args: tuple[int, ...] = ()
+    source: str | float = 0.0
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Steps of some formulas in order, their last ones, and the names that each needs."""
+
+    steps: tuple[_Step, ...]
+    ends: tuple[int, ...]
+    names: tuple[frozenset[str], ...]
+
+
+@lru_cache(maxsize=1024)
+def _planned(texts: tuple[str, ...]) -> _Plan:
+    steps: dict[_Step, int] = {}
+    ends = tuple(_step(parsed(text), steps) for text in texts)
+    return _Plan(tuple(steps), ends, tuple(frozenset(names(text)) for text in texts))
+
+
+def _step(node: ast.expr, steps: dict[_Step, int]) -> int:
+    """Number of the step that computes a node; it and those before it are put into `steps`."""
     if isinstance(node, ast.Constant):
-        return np.asarray(float(str(node.value)))
-    if isinstance(node, ast.Name):
-        return np.asarray(values[node.id], dtype=np.float64)
-    if isinstance(node, ast.UnaryOp):
-        return -_value(node.operand, values)
-    if isinstance(node, ast.BinOp):
-        left, right = _value(node.left, values), _value(node.right, values)
-        return _OPERATORS[type(node.op)][1](left, right)
-    call = _call(node)
-    return FUNCTIONS[call[0]](*(_value(x, values) for x in call[1]))
+        step = _Step(None, source=float(str(node.value)))
+    elif isinstance(node, ast.Name):
+        step = _Step(None, source=math.pi if node.id == "pi" else node.id)
+    elif isinstance(node, ast.UnaryOp):
+        step = _Step(np.negative, (_step(node.operand, steps),))
+    elif isinstance(node, ast.BinOp):
+        args = _step(node.left, steps), _step(node.right, steps)
+        step = _Step(_OPERATORS[type(node.op)][1], args)
+    else:
+        name, arguments = _call(node)
+        step = _Step(FUNCTIONS[name], tuple(_step(x, steps) for x in arguments))
+    return steps.setdefault(step, len(steps))
 
 
 def _call(node: ast.expr) -> tuple[str, list[ast.expr]]:
