@@ -90,6 +90,9 @@ def sample(x: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
 def _series(x: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fourier series and its two derivatives (n, d); by FFT on a grid over one period."""
     w, h = 2 * np.pi / x.period, x.series.shape[1]
+    if h == 0:
+        none = np.zeros((t.size, x.d))
+        return none, none, none
     k = np.arange(1, h + 1)
     even = t.size > 2 * h and np.allclose(t, np.arange(t.size) * (x.period / t.size), atol=1e-9)
     if even:

@@ -136,11 +136,18 @@ class Kept:
         latest of them stay, but for a part of the room that is left to new ones.
         """
         out, former, fresh = Kept(), [], []
+        # columns of one moment share what they were made of: it is compared once
+        compared: dict[int, tuple[tuple[object, ...], bool, bool]] = {}
         for key, every in self._made.items():
             for made in every:
-                if out._fresh(made, motions):
+                was = made.states
+                if id(was) not in compared:
+                    compared[id(was)] = was, out._fresh(made, motions), out._may(made)
+                _, is_fresh, may = compared[id(was)]
+                if is_fresh:
+                    made.states = out._now(made.seen, motions)
                     fresh.append((key, made))
-                elif made.spare and out._may(made):
+                elif made.spare and may:
                     former.append((key, made))
         room = CACHE_BYTES - sum(made.columns.nbytes for _, made in fresh if made.spare)
         some = []
