@@ -169,11 +169,18 @@ def _slid(old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
 def _loads(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Transmitted load and its part at rest (n, d), run by run."""
+    """Transmitted load and its part at rest (n, d), run by run.
+
+    A motor's rotor lies before the gear or cable, which transmits none of its inertia: it is left
+    out where the links' own is known apart.
+    """
+    apart = any(Trait.BODY in t.effect.traits for t in terms)
     mass = [
         (t, theta[where])
         for t, where in zip(terms, slices, strict=True)
-        if t.effect.family == "mass" and not t.per_run
+        if t.effect.family == "mass"
+        and not t.per_run
+        and not (apart and Trait.ROTOR in t.effect.traits)
     ]
     moving, still = (_carried(problem, mass, rest) for rest in (False, True))
     return [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)], still

@@ -320,7 +320,7 @@ class LoadFriction(Effect):
     doc = Doc(
         equation=(
             "tau = mu |load| tanh(v / v0),  "
-            "load = all that is transmitted, its static part, "
+            "load = all that is transmitted (without the motor's own inertia), its static part, "
             "or the motor's own effort (a gear or a cable around a capstan)"
         ),
         signature="friction grows with gravity, acceleration or contact load",

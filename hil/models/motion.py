@@ -55,7 +55,8 @@ class Motion:
     tau_ext : ndarray (n, d)
         External effort ON the robot [N m or N]; zeros where there is none.
     load : ndarray (n, d)
-        Effort that the joint transmits (rigid body minus external) under the current model.
+        Effort that the joint transmits (rigid body minus external) under the current model;
+        without the rotor's inertia, which lies before the transmission, where that is known apart.
     static : ndarray (n, d)
         The part of the load that stays when the motion stops: gravity and springs.
     v0 : ndarray (d,)

@@ -79,11 +79,8 @@ def felt(motion: Motion, j: int, stretch: FloatArray, second: FloatArray) -> Flo
 
 
 def carried(motion: Motion, j: int) -> FloatArray:
-    """Load behind the transmission (n,): without the rotor's inertia where that is known apart."""
-    load = motion.load[:, j]
-    if motion.response is not None:
-        load = load - motion.response.rotor[j] * motion.qdd[:, j]
-    return np.ascontiguousarray(load)
+    """Load behind the transmission (n,)."""
+    return np.ascontiguousarray(motion.load[:, j])
 
 
 def load_size(motion: Motion, j: int) -> float:
