@@ -208,23 +208,39 @@ def serves(problem: Problem, pull: Pull, x: FloatArray, target: FloatArray) -> b
     """
     key = ("description serves",)
     if key not in problem.memo:
-        scale = np.linalg.norm(x, axis=0)
-        scale = np.where(scale > 1e-11 * float(scale.max(initial=0.0)), scale, 1.0)
-        part = np.tile(np.arange(problem.n) * PARTS // problem.n, problem.d)
-        some = [(x[part == k] / scale, target[part == k]) for k in range(PARTS)]
-        gram = np.stack([a.T @ a for a, _ in some])
-        right = np.stack([a.T @ y for a, y in some])
-        own = sum(float(y @ y) for _, y in some)
-        held = np.eye(scale.size) / max(float(target @ target), 1.0)
-        rows, centre = pull.rows / scale, pull.centre * scale
-        errors = []
-        for precision in (held, held + rows.T @ rows):
-            others = right.sum(axis=0) - right + precision @ centre
-            theta = np.linalg.solve(gram.sum(axis=0) - gram + precision, others[..., None])[..., 0]
-            both = np.einsum("kp,kpq,kq->k", theta, gram, theta)
-            errors.append(own + float(np.sum(both - 2 * np.einsum("kp,kp->k", theta, right))))
-        problem.memo[key] = errors[1] < (1 - WORTH) ** 2 * errors[0]
+        own = np.sum(target.reshape(problem.d, -1) ** 2, axis=1)
+        alone, with_it = _left_out(problem, pull, x, target)
+        better = with_it.sum() < (1 - WORTH) ** 2 * alone.sum()
+        if np.any(alone > own):
+            # worse than no model at all somewhere: by joints, for its error is as large as may be
+            alone, with_it = np.maximum(alone, 1e-300), np.maximum(with_it, 1e-300)
+            better = np.mean(np.log(with_it / alone)) < 2 * np.log(1 - WORTH)
+        problem.memo[key] = better
     return bool(problem.memo[key])
+
+
+def _left_out(
+    problem: Problem, pull: Pull, x: FloatArray, target: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Squared errors of each joint (d,) on parts left out, without and with the description."""
+    scale = np.linalg.norm(x, axis=0)
+    scale = np.where(scale > 1e-11 * float(scale.max(initial=0.0)), scale, 1.0)
+    each = (x / scale).reshape(problem.d, problem.n, -1), target.reshape(problem.d, problem.n)
+    part = np.arange(problem.n) * PARTS // problem.n
+    some = [(each[0][:, part == k], each[1][:, part == k]) for k in range(PARTS)]
+    gram = np.stack([np.einsum("jnp,jnq->jpq", a, a, optimize=True) for a, _ in some])
+    right = np.stack([np.einsum("jnp,jn->jp", a, y) for a, y in some])
+    own = np.sum(each[1] ** 2, axis=1)
+    held = np.eye(scale.size) / max(float(target @ target), 1.0)
+    rows, centre = pull.rows / scale, pull.centre * scale
+    errors = []
+    for precision in (held, held + rows.T @ rows):
+        others = right.sum(axis=(0, 1)) - right.sum(axis=1) + precision @ centre
+        rest = gram.sum(axis=(0, 1)) - gram.sum(axis=1) + precision
+        theta = np.linalg.solve(rest, others[..., None])[..., 0]
+        both = np.einsum("kp,kjpq,kq->j", theta, gram, theta, optimize=True)
+        errors.append(own + both - 2 * np.einsum("kjp,kp->j", right, theta))
+    return errors[0], errors[1]
 
 
 def drawn(

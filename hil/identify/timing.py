@@ -74,6 +74,8 @@ SETTLED = 0.005
 #: Share by which the error must fall where efforts are taken earlier by more than a sample, or a
 #: filter is undone, and by which that of one joint may rise.
 LESS = 0.1
+#: Relative error of no model at all [%].
+NOTHING = 100.0
 #: Share of the squared error that a delay must take where it is asked for beside a model that has
 #: grown, and the model is sought again with it: how a recording was made takes nearly all, a
 #: delay in the place of a first-order filter about three quarters (pendulum, 7 Hz).  With 0.95
@@ -471,11 +473,12 @@ def _to_the_end(
 def _ratio(result: FitResult, before: FloatArray) -> float:
     """Relative error of the joints that move over what it was before (d,), their geometric mean.
 
-    Relative to the effort as each of them has it: a filter that is undone makes it larger.
+    Relative to the effort as each of them has it: a filter that is undone makes it larger.  What
+    foretells worse than no model at all is no better where it is less bad: `NOTHING` at most.
     """
     moves = ~result.problem.holds
-    ratio = result.relative[moves] / np.maximum(before[moves], 1e-300)
-    return float(np.exp(np.mean(np.log(np.maximum(ratio, 1e-300)))))
+    now, then = (np.clip(x[moves], 1e-300, NOTHING) for x in (result.relative, before))
+    return float(np.exp(np.mean(np.log(now / then))))
 
 
 @dataclass(frozen=True)
