@@ -332,7 +332,10 @@ def _surely_worse(
     model = without(now.result.model, c, problem) + as_use(rival, problem)
     rung = search.rung("in place", model, now.result.sigma)
     weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
-    rise = paired((rung.errors.squared - now.errors.squared) @ weight)
+    left, before = rung.errors.squared @ weight, now.errors.squared @ weight
+    # where it errs many times as much, most of that may lie in a few blocks: by its logarithm, too
+    ratio = np.maximum(left, 1e-300) / np.maximum(before, 1e-300)
+    rise = max(paired(left - before), paired(np.log(ratio)))
     renew(now.result)
     one, other = now.step.heldout, rung.step.heldout
     if held_out and one.kind == "holdout" and one.gain(other, c.joint) > RISEN:

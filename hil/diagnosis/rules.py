@@ -191,15 +191,18 @@ def _practical(case: RuleCase) -> str:
 def _discrepancy(case: RuleCase) -> str:
     """Laws that were named before miss their effects by a share of what they explain.
 
-    No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass: that
-    is a law of posture and acceleration, which dissipates nothing.
+    No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass or a
+    spring: those are laws of posture and acceleration, which dissipate nothing.  Nor is what leaves
+    a joint at its noise floor: no other law fits what a law misses so well.
     """
     r = case.rated
-    if Trait.CORRECTION in r.candidate.term.effect.traits:
+    floor, left = case.evidence.floor, np.zeros(case.search.problem.d)
+    left[r.joint] = max(r.after, 0.0) ** 0.5
+    if Trait.CORRECTION in r.candidate.term.effect.traits or not floor.exceeded(left, r.joint):
         return ""
     explained = float(case.search.base.errors.power[r.joint]) - r.before
     if r.candidate.term.effect.family == "friction":
-        explained -= case.search.of_masses(r.joint)
+        explained -= case.search.of_conservative(r.joint)
     small = r.removed <= DISCREPANCY * max(explained, 0.0)
     return "it may be an inaccuracy of the laws named before" if small else ""
 

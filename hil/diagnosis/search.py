@@ -237,12 +237,12 @@ class Search:
         own = [t for t in self.now.result.terms if t.key in gone]
         return sum(len(t.effect.params) + len(t.effect.shape) for t in own)
 
-    def of_masses(self, j: int) -> float:
-        """Power of joint j's error that masses took, which were added without other laws there."""
+    def of_conservative(self, j: int) -> float:
+        """Power of joint j's error that masses and springs took, added without other laws there."""
         out = 0.0
         for before, after in pairwise(self.rungs[self.start :]):
             there = [c for c in after.added if c.joint == j]
-            if there and all(c.term.effect.family == "mass" for c in there):
+            if there and all(c.term.effect.family in ("mass", "stiffness") for c in there):
                 out += float(before.errors.power[j] - after.errors.power[j])
         return out
 

@@ -99,8 +99,8 @@ def _cogging_carrier(motion: Motion, j: int) -> FloatArray:
 
 
 def _cogging_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span."""
-    return position_orders(motion, j)
+    """Every half order over the span, and every whole one over a turn."""
+    return position_orders(motion, j, turning=True)
 
 
 class Cogging(Effect):

@@ -246,11 +246,26 @@ class SublinearViscous(Effect):
         return _column(motion.sign(j) * np.abs(motion.qd[:, j]) ** float(shape[0]))
 
 
-def position_orders(motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5) -> Shapes:
-    """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5."""
+#: Highest order of a motor's or gear's waves that is sought, in periods a turn of the joint.  Half:
+#: motors of 14 poles behind small gears go unnamed on axes that turn on; double: the search takes
+#: longer, and what is found lies beyond the band of most efforts.
+TURN_ORDER = 100
+
+
+def position_orders(
+    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5, turning: bool = False
+) -> Shapes:
+    """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5.
+
+    `turning`: of an axis that turns also what comes as a whole number of times a turn, beyond that.
+    """
     low, high = motion.span[j]
     length = max(float(high - low), 1e-9)
-    return [(float(k) / length,) for k in np.arange(lowest, highest + 0.25, 0.5)]
+    orders = [float(k) / length for k in np.arange(lowest, highest + 0.25, 0.5)]
+    if turning and motion.robot.units[j] == "rad":
+        whole = np.arange(1, TURN_ORDER + 1) / (2 * np.pi)
+        orders += [float(p) for p in whole if p * length > highest + 0.5]
+    return [(p,) for p in orders]
 
 
 def _position_friction_foils(

@@ -254,6 +254,6 @@ def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped
     one.rated.before, one.rated.removed = 0.02, 0.01
     one.search = SimpleNamespace(
         base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
-        of_masses=lambda j: masses,
+        of_conservative=lambda j: masses,
     )
     assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
