@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis import artefacts, rules
-from hil.diagnosis.attribution import as_use, choose, kindred, physical
+from hil.diagnosis.attribution import as_use, choose, kindred, overlap, physical
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import (
@@ -24,6 +24,7 @@ from hil.diagnosis.constants import (
     HALF,
     RISEN,
     RIVAL,
+    SAME_COSINE,
     SURE,
     WORTH,
 )
@@ -287,24 +288,30 @@ def _refitted_rivals(
     went: dict[tuple[str, int], Rated],
     projector: Projector,
 ) -> Named:
-    """Confidence and rivals, without those that do surely worse once everything is fitted again.
+    """Confidence and rivals, without those that are none once everything is fitted again.
 
     Where another effect of the joint has a shape, that was found without either of the two; beside
-    it they may look alike though one leaves much more with the shape that suits it.  `went` holds
-    those from which the search went on.
+    it they may look alike though one leaves surely more with the shape that suits it.  Nor is a
+    wider law one, of which the named one is a case, that foretells no better.  `went` holds those
+    from which the search went on.
     """
     rated = [went.get(r.candidate.term.key, r) for r in rated]
     named = _weighed(search, c, rated, projector)
-    others = [f for f in search.found if f is not c and f.joint == c.joint and f.term.effect.shape]
-    if not others:
-        return named
     keys = {r.term.key for r in named.rivals} - went.keys()
-    most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
     near = [r for r in rated if r.candidate.term.key in keys]
-    worse = [r for r in near if _surely_worse(search, c, r.candidate, most)]
-    if not worse:
+    others = any(f is not c and f.joint == c.joint and f.term.effect.shape for f in search.found)
+    most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
+    gone = []
+    for r in near:
+        wider = r.candidate.dof > c.dof and overlap(c, r.candidate, projector) > SAME_COSINE
+        if not (others or wider):
+            continue
+        rung = _in_place(search, c, r.candidate)
+        if (others and _errs(search, c, rung, most)) or (wider and not _gains(search, rung)):
+            gone.append(r)
+    if not gone:
         return named
-    return _weighed(search, c, [r for r in rated if all(r is not w for w in worse)], projector)
+    return _weighed(search, c, [r for r in rated if all(r is not w for w in gone)], projector)
 
 
 def separated(search: Search, named: Named) -> Named:
@@ -317,32 +324,52 @@ def separated(search: Search, named: Named) -> Named:
     problem, j = search.problem, named.candidate.joint
     accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
     most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
-    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most, True)]
+    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
     return named if len(kept) == len(named.rivals) else named.among(kept)
 
 
-def _surely_worse(
-    search: Search, c: Candidate, rival: Candidate, most: float, held_out: bool = False
-) -> bool:
-    """Whether the model with a rival in the place of an effect foretells left-out blocks worse.
+def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:
+    """Whether the model with a rival in the place of an effect is worse, see `_errs`.
 
-    And leaves more power on its joint than `most`.  Held-out runs may show it, too, if `held_out`.
+    Held-out runs may show it, too.
     """
-    now, problem = search.now, search.problem
-    model = without(now.result.model, c, problem) + as_use(rival, problem)
+    rung = _in_place(search, c, rival)
+    one, other = search.now.step.heldout, rung.step.heldout
+    if one.kind == "holdout" and one.gain(other, c.joint) > RISEN:
+        power = float(other.rms[c.joint]) ** 2
+        if power > max(most, float(one.rms[c.joint]) ** 2 / HALF**2):
+            return True
+    return _errs(search, c, rung, most)
+
+
+def _in_place(search: Search, c: Candidate, rival: Candidate) -> Visited:
+    """The model with a rival in the place of an effect, everything fitted again."""
+    now = search.now
+    model = without(now.result.model, c, search.problem) + as_use(rival, search.problem)
     rung = search.rung("in place", model, now.result.sigma)
-    weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
+    renew(now.result)
+    return rung
+
+
+def _errs(search: Search, c: Candidate, rung: Visited, most: float) -> bool:
+    """Whether another model surely foretells left-out blocks worse than the present one.
+
+    And leaves more power on an effect's joint than `most`.
+    """
+    now = search.now
+    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
     left, before = rung.errors.squared @ weight, now.errors.squared @ weight
     # where it errs many times as much, most of that may lie in a few blocks: by its logarithm, too
     ratio = np.maximum(left, 1e-300) / np.maximum(before, 1e-300)
     rise = max(paired(left - before), paired(np.log(ratio)))
-    renew(now.result)
-    one, other = now.step.heldout, rung.step.heldout
-    if held_out and one.kind == "holdout" and one.gain(other, c.joint) > RISEN:
-        power = float(other.rms[c.joint]) ** 2
-        if power > max(most, float(one.rms[c.joint]) ** 2 / HALF**2):
-            return True
-    return rise > SURE and rung.errors.power[c.joint] > most
+    return rise > SURE and float(rung.errors.power[c.joint]) > most
+
+
+def _gains(search: Search, rung: Visited) -> bool:
+    """Whether another model foretells left-out blocks better than the present one."""
+    now = search.now
+    weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
+    return paired((now.errors.squared - rung.errors.squared) @ weight) > RISEN
 
 
 def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:

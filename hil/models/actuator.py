@@ -190,14 +190,18 @@ class CoupledTransmission(Effect):
 
 #: How round a knee can be: its words, the largest limit worth trying as a share of the largest
 #: effort, and how many of them.
-KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 7)}
+KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 9)}
 #: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
 #: many such rows nothing is left to be explained.
 FREE = 0.8
+#: Least limit of iron that saturates gradually, as a share of the largest effort: half of that is
+#: lost there.  Half: a law that bends everywhere, as drag under load, is one; 1: a direct drive that
+#: loses 30 % at its peak has none.
+DEEP = 0.6
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LIMIT_SHARE = 0.01
 #: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
-LIMIT_REACH = 2.0
+LIMIT_REACH = 3.0
 #: Rows by which the command must be beyond a limit.
 ROWS_BEYOND = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
@@ -274,7 +278,7 @@ class TorqueSaturation(Effect):
 def least_limit(size: FloatArray, order: float) -> float:
     """Least limit worth trying for efforts of these sizes (n,) and a knee of this order."""
     top = max(float(size.max(initial=0.0)), 1e-12)
-    return top if order == 2.0 else max(float(np.quantile(size, FREE)), 1e-3 * top)
+    return DEEP * top if order == 2.0 else max(float(np.quantile(size, FREE)), 1e-3 * top)
 
 
 def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
