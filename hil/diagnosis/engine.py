@@ -30,6 +30,7 @@ from hil.diagnosis.constants import (
     RIVAL,
     SURE,
     WHOLE,
+    WORTH,
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
@@ -51,6 +52,7 @@ from hil.diagnosis.types import (
 )
 from hil.diagnosis.verdict import (
     NO_GEOMETRY,
+    REFUSED,
     finish,
     matters,
     notes,
@@ -220,6 +222,12 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     if out.corrected:
         with_errors(out)
         out.corrections = with_laws(out.corrections, search)
+        said = {c.joint for c in out.corrections if c.alike}
+        out.warnings = [
+            (code, w)
+            for code, w in out.warnings
+            if not (code == REFUSED and w.split(":")[0] in said)
+        ]
     renew(search.now.result)
     return out
 
@@ -318,7 +326,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     out.heldout_floor = other
     for a, b in stands:
         out.corrections += corrections_of(b, a.step.heldout, search.problem)
-    out.warnings += noticed(last, end) + overtones(search)
+    out.warnings += noticed(last, end) + overtones(search) + nearest_refused(search, out, last)
     felt = dict(zip(search.problem.joints, matters(end), strict=True))
     if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
         out.verdict = "unexplained"
@@ -353,6 +361,40 @@ def overtones(search: Search) -> list[tuple[str, str]]:
         ("harmonic", f"{joints[j]}: {why} of that effect, not another effect")
         for j, why in told.items()
     ]
+
+
+def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on joints above their floor: which law would do most, and why not.
+
+    One that would take half of the squared error that is left, surely.
+    """
+    problem, errors = search.problem, search.now.errors
+    told = {(f.effect, f.joint) for f in (*out.findings, *out.partial)}
+    effort, out_ = problem.rms(problem.effort), []
+    for j in np.flatnonzero(~problem.holds).tolist():
+        left = float(errors.power[j])
+        if not last.floor.exceeded(np.sqrt(errors.power), j):
+            continue
+        near = [
+            (stop.evidence["after"], name, stop.reason)
+            for (name, k), stop in search.stops.items()
+            if k == j
+            and Trait.CORRECTION not in catalogue.get(name).traits
+            and (name, problem.joints[j]) not in told
+            and abs(stop.evidence.get("before", 0.0) - left) < WORTH * left
+            and stop.evidence["after"] < HALF * left
+            and stop.evidence["standard_errors"] > SURE
+        ]
+        if near:
+            after, name, why = min(near)
+            was, now = (100 * max(x, 0.0) ** 0.5 / effort[j] for x in (left, after))
+            text = (
+                f"{problem.joints[j]}: of the effects that are not named {name} would do most, "
+                f"{was:.3g} to {now:.3g} % of the effort. Why it is not named: {why}. To try it: "
+                f"hil add {name} --joint {problem.joints[j]}"
+            )
+            out_.append((REFUSED, text))
+    return out_
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:

@@ -445,8 +445,24 @@ def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
     return (
         f"the remaining error comes in bursts: {100 * share:.0f} % of its power lies in a tenth of "
         f"the time (noise: 44 %; kurtosis {k:.2g}, noise 0). The largest are at {where} s of "
-        f"{problem.recordings[run].name}: check what happens there"
+        f"{problem.recordings[run].name}: {_slowly(problem, j, left)}"
     )
+
+
+#: Words of bursts at low speed.
+STARTS = "most of it lies where the joint starts, stops or turns"
+
+
+def _slowly(problem: Problem, j: int, left: FloatArray) -> str:
+    """What to look at in bursts (n,): friction at low speed, where most of them are slow."""
+    live = problem.live[j]
+    speed, power = np.abs(problem.qd[j][live]), left[live] ** 2
+    most = power >= np.quantile(power, 1 - TENTH)
+    slow = speed < TENTH * float(np.sqrt(np.mean(speed**2)))
+    share = float(power[most & slow].sum() / max(power[most].sum(), 1e-300))
+    if share <= HALF or share <= 2 * float(slow.mean()):
+        return "check what happens there"
+    return f"{STARTS}, which slow strokes with many turns would show (friction at low speed)"
 
 
 def _uneven(r: FloatArray) -> str:

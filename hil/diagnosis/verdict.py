@@ -271,6 +271,8 @@ def finish(
 
 #: Code of a note on noise floors that are a good part of the effort.
 HIGH_FLOOR = "high-floor"
+#: Code of the note on the law that would do most of all that are not named.
+REFUSED = "nearest-refused"
 
 
 def high_floors(out: Diagnosis) -> list[tuple[str, str]]:

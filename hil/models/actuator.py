@@ -195,8 +195,7 @@ KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradu
 #: many such rows nothing is left to be explained.
 FREE = 0.8
 #: Least limit of iron that saturates gradually, as a share of the largest effort: half of that is
-#: lost there.  Half: a law that bends everywhere, as drag under load, is one; 1: a direct drive that
-#: loses 30 % at its peak has none.
+#: lost there.  Half: a law that bends everywhere is one; 1: drives that lose 30 % have none.
 DEEP = 0.6
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LIMIT_SHARE = 0.01

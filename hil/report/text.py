@@ -16,11 +16,11 @@ from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
 from hil.diagnosis.preconditions import GRAVITY, LOST
-from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, UNLIKE
+from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.unnamed import told
-from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, only_there
+from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
@@ -74,6 +74,7 @@ LEADING = (
     CHANGED,
     PUSHED,
     HIGH_FLOOR,
+    REFUSED,
     UNLIKE,
     COMMON,
 )
@@ -115,7 +116,7 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
         return ""
     return (
         f"With these effects the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
-        "floor. No effect that the fitted sessions determine explains the rest."
+        "floor. No further effect passes every test."
     )
 
 
@@ -333,6 +334,7 @@ def details(m: Material) -> list[str]:
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
         out.append(left)
+    out += _said(m, REFUSED)
     out += [corrections(m.corrections)] if m.corrections else []
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
@@ -425,6 +427,8 @@ ELSEWHERE = (
     "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
     "(supply, neighbouring machine, limit cycle of a loop, knock) shows there too: remove it first."
 )
+#: Where what is left acts at low speed.
+SLOWLY = "Record slow strokes with many starts and turns: they show friction at low speed."
 #: Verdict -> what follows from it alone.
 FIXED = {
     "adequate": [
@@ -432,7 +436,8 @@ FIXED = {
         "To be sure beyond it, record faster, slower and wider motion.",
     ],
     "unexplained": [
-        "See below where the model fails: the missing effect acts there.",
+        "See where the model fails ('hil compare' on the same files, or --report): the missing "
+        "effect acts there.",
         "Record more motion there; if the cause is known, write it as an effect of "
         "your own (one file) and diagnose again.",
     ],
@@ -479,7 +484,8 @@ def next_steps(m: Material) -> list[str]:
         told = " ".join(changed(m))
         return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
     if m.verdict == "unexplained" and unlike(m) and not m.network:
-        return [ELSEWHERE, AGAIN]
+        slow = all(STARTS in text for text in unlike(m))
+        return [SLOWLY if slow else ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
         wait = "Do not add an effect yet; record the motion that separates the rivals."
         return [wait, *motions[:3]]
