@@ -43,6 +43,7 @@ from hil.report.text import (
     command,
     corrections,
     doubts,
+    ended,
     explains,
     floor_says,
     laws,
@@ -75,7 +76,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
     lines += _left(d) + _corrections(d)
     beside = set(LEADING) - {NO_GEOMETRY}
-    lines += dict.fromkeys(f"  {w}." for code, w in d.warnings if code in beside)
+    lines += dict.fromkeys(f"  {ended(w)}" for code, w in d.warnings if code in beside)
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
@@ -124,7 +125,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
         said += laws(d.corrections)
-    lines += ["", *(f"  {w.rstrip('.')}." for w in said)] if said else []
+    lines += ["", *(f"  {ended(w)}" for w in said)] if said else []
     lines += ["", "Next"]
     commands = [f"    {line}" for line in command(m, files).splitlines()] if files else []
     for step in next_steps(m)[:_STEPS]:

@@ -37,7 +37,7 @@ from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.heldout import Examiner, settled
 from hil.diagnosis.naming import Named, exchange, separated, shares
-from hil.diagnosis.preconditions import mistaken, undetermined
+from hil.diagnosis.preconditions import mistaken, touched, undetermined
 from hil.diagnosis.search import Search, Visited
 from hil.diagnosis.types import (
     NOTHING,
@@ -164,11 +164,22 @@ def _concluded(
     out = judged(search, named, _last(search))
     out.warnings = without_robot(search.problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
+    if touched(out.ladder[-1].result, out.ladder[-1].heldout.relative):
+        return finish(_unnamed(out, search), search.examine, model, recordings, faults)
     finish(out, search.examine, model, recordings, faults)
     corrected(out, search)
     if out.corrected and search.settle(out.corrected):
         return _concluded(search, model, recordings, faults, doubtful)
     return separate(out, search, named)
+
+
+def _unnamed(out: Diagnosis, search: Search) -> Diagnosis:
+    """The diagnosis of the given model alone: names beside masses that are none mean nothing."""
+    out.verdict, out.findings, out.partial = "unexplained", [], []
+    out.ladder, out.corrections = out.ladder[:1], []
+    out.warnings = [(code, w) for code, w in out.warnings if code != REFUSED]
+    renew(out.ladder[0].result)
+    return out
 
 
 def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Search:
@@ -363,6 +374,10 @@ def overtones(search: Search) -> list[tuple[str, str]]:
     ]
 
 
+#: Rules that say that a law only seems to fit: what they stop is not told.
+ARTEFACTS = ("detected", "late", "line", "position-noise", "blurred-sign", "overtone")
+
+
 def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tuple[str, str]]:
     """Notes (code, sentence) on joints above their floor: which law would do most, and why not.
 
@@ -379,6 +394,7 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             (stop.evidence["after"], name, stop.reason)
             for (name, k), stop in search.stops.items()
             if k == j
+            and stop.code not in ARTEFACTS
             and Trait.CORRECTION not in catalogue.get(name).traits
             and (name, problem.joints[j]) not in told
             and abs(stop.evidence.get("before", 0.0) - left) < WORTH * left

@@ -33,6 +33,7 @@ from hil.diagnosis.constants import (
     NEAR_FLOOR,
     OPEN,
     SHORTEST,
+    SURE,
     TENTH,
 )
 from hil.errors import plural
@@ -464,12 +465,44 @@ def contradicted(result: FitResult) -> list[tuple[str, str]]:
     for w in every:
         if abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr):
             joint = result.problem.joints[w.joint]
+            advice = (
+                f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
+                "stretches), or does gravity act in another direction than described?"
+                if _upwards(w)
+                else f"Check the masses and centres of mass that {joint} carries"
+            )
             out.append(
                 (
                     GRAVITY,
                     f"gravity of {joint}: the data give {w.ratio:.2f} times what the robot "
-                    f"description says (standard error {w.stderr:.2g}). Check the masses and "
-                    f"centres of mass that {joint} carries",
+                    f"description says (standard error {w.stderr:.2g}). {advice}",
                 )
             )
     return out
+
+
+#: Words of a gravity that acts against the description.
+NO_MASSES = "No masses do that"
+
+
+def _upwards(w: Weighed) -> bool:
+    """Whether a joint's gravity surely acts against the description."""
+    return w.ratio + SURE * w.stderr < 0.0
+
+
+def touched(result: FitResult, heldout: FloatArray) -> bool:
+    """Whether no masses fit: some joint's gravity acts upwards, and much of its effort is left.
+
+    Forces that nobody measured do that.  Names of effects beside such masses mean nothing.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit.
+    heldout : ndarray (d,)
+        Left-out errors [%].
+    """
+    every = weighed(result)
+    return not _other_gravity(every) and any(
+        _upwards(w) and heldout[w.joint] / 100 > TENTH for w in every
+    )

@@ -192,13 +192,14 @@ def _discrepancy(case: RuleCase) -> str:
     """Laws that were named before miss their effects by a share of what they explain.
 
     No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass or a
-    spring: those are laws of posture and acceleration, which dissipate nothing.  Nor is what leaves
-    a joint at its noise floor: no other law fits what a law misses so well.
+    spring: those are laws of posture and acceleration, which dissipate nothing.  Nor is what halves
+    the error, to the noise floor: no other law fits what a law misses so well.
     """
     r = case.rated
     floor, left = case.evidence.floor, np.zeros(case.search.problem.d)
     left[r.joint] = max(r.after, 0.0) ** 0.5
-    if Trait.CORRECTION in r.candidate.term.effect.traits or not floor.exceeded(left, r.joint):
+    alone = r.after < HALF**2 * r.before and not floor.exceeded(left, r.joint)
+    if Trait.CORRECTION in r.candidate.term.effect.traits or alone:
         return ""
     explained = float(case.search.base.errors.power[r.joint]) - r.before
     if r.candidate.term.effect.family == "friction":

@@ -99,8 +99,8 @@ def _cogging_carrier(motion: Motion, j: int) -> FloatArray:
 
 
 def _cogging_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and every whole one over a turn."""
-    return position_orders(motion, j, turning=True)
+    """Every half order over the span, and those of the motor's turns."""
+    return position_orders(motion, j, motor=True)
 
 
 class Cogging(Effect):
@@ -189,7 +189,7 @@ class CoupledTransmission(Effect):
 
 
 #: How round a knee can be: its words, the largest limit worth trying as a share of the largest
-#: effort, and how many of them.
+#: effort, and how many of them.  Of a gradual one 3 % are lost there at the peak.
 KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 9)}
 #: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
 #: many such rows nothing is left to be explained.
@@ -199,8 +199,6 @@ FREE = 0.8
 DEEP = 0.6
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LIMIT_SHARE = 0.01
-#: Limit, as a share of the largest effort, beyond which it is none: a law that bends everywhere.
-LIMIT_REACH = 3.0
 #: Rows by which the command must be beyond a limit.
 ROWS_BEYOND = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
@@ -223,13 +221,14 @@ def _torque_saturation_grid(motion: Motion, j: int) -> Shapes:
 def _torque_saturation_felt(f: Fitted) -> bool:
     """It takes something of the largest efforts, and more than a few rows meet it.
 
-    At the least limit that was tried another law is meant: one that bends everywhere.
+    At the least and the largest limit that were tried another law is meant: one that bends
+    everywhere.
     """
     limit, order = float(f.shape[0]), float(f.shape[1])
     size = np.sort(np.abs(f.motion.tau[:, f.j]))
     met = size[-ROWS_BEYOND:][:1]
     felt = bool(np.all(met - given(met, limit, order) > LIMIT_SHARE * met))
-    inside = 1.02 * least_limit(size, order) < limit < LIMIT_REACH * size[-1]
+    inside = 1.02 * least_limit(size, order) < limit < max(KNEES[order][1], 1.0) * size[-1]
     return felt and inside
 
 

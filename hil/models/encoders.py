@@ -116,8 +116,8 @@ def _torque_ripple_carrier(motion: Motion, j: int) -> FloatArray:
 
 
 def _torque_ripple_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and every whole one over a turn."""
-    return position_orders(motion, j, turning=True)
+    """Every half order over the span, and those of the motor's turns."""
+    return position_orders(motion, j, motor=True)
 
 
 class TorqueRipple(Effect):

@@ -250,19 +250,24 @@ class SublinearViscous(Effect):
 #: motors of 14 poles behind small gears go unnamed on axes that turn on; double: the search takes
 #: longer, and what is found lies beyond the band of most efforts.
 TURN_ORDER = 100
+#: Turns of a slide's screw over the recorded range that are sought.  Half: a screw of 5 mm over a
+#: metre goes unnamed; double: twice the time, and finer threads than are built.
+SCREW_TURNS = 200.0
 
 
 def position_orders(
-    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5, turning: bool = False
+    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5, motor: bool = False
 ) -> Shapes:
     """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5.
 
-    `turning`: of an axis that turns also what comes as a whole number of times a turn, beyond that.
+    `motor`: also of what drives the joint, beyond that: of an axis that turns what comes as a whole
+    number of times a turn, of a slide `SCREW_TURNS` turns of a screw.
     """
     low, high = motion.span[j]
-    length = max(float(high - low), 1e-9)
-    orders = [float(k) / length for k in np.arange(lowest, highest + 0.25, 0.5)]
-    if turning and motion.robot.units[j] == "rad":
+    length, turns = max(float(high - low), 1e-9), motion.robot.units[j] == "rad"
+    most = highest if turns or not motor else SCREW_TURNS
+    orders = [float(k) / length for k in np.arange(lowest, most + 0.25, 0.5)]
+    if motor and turns:
         whole = np.arange(1, TURN_ORDER + 1) / (2 * np.pi)
         orders += [float(p) for p in whole if p * length > highest + 0.5]
     return [(p,) for p in orders]

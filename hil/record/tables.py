@@ -49,6 +49,10 @@ from hil.userfile import read_text
 JUMP = 10.0
 #: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
 LONG_PERIOD = 0.05
+#: Rounding of times and drift of a clock that make no period longer, relative.
+ROUNDED = 0.02
+#: A median period [s] from which the time hardly is in seconds.
+NO_SECONDS = 0.5
 #: No shorter median period [s] is one of a rig: filters and grids would take any memory.
 SHORT_PERIOD = 1e-6
 
@@ -137,12 +141,18 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
             f"faster than {1 / SHORT_PERIOD:g} Hz. Scale it to seconds in a map, [columns] "
             't = { from = "t", scale = ... }'
         )
-    if period > LONG_PERIOD:
+    if period > LONG_PERIOD * (1 + ROUNDED):
+        scale = 'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }'
+        slow = f"{1 / LONG_PERIOD:g} Hz is the slowest that is analysed"
         raise DataError(
             f"table {table.path}: the time advances by {period:.4g} s a sample "
-            f"({1 / period:.3g} Hz); it looks like milliseconds (or samples, microseconds): "
-            'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }. If it '
-            "truly is in seconds, the recording is too slow for dynamics"
+            f"({1 / period:.3g} Hz); "
+            + (
+                f"{slow}. Record faster; if the time is in another unit, {scale}"
+                if period < NO_SECONDS
+                else f"it looks like milliseconds (or samples, microseconds): {scale}. If it "
+                f"truly is in seconds, the recording is too slow for dynamics: {slow}"
+            )
         )
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":

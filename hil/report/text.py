@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to
-from hil.diagnosis.preconditions import GRAVITY, LOST
+from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
 from hil.diagnosis.sessions import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
@@ -215,7 +215,12 @@ def unlike(m: Material) -> list[str]:
 
 
 def _said(m: Material, which: str) -> list[str]:
-    return [f"{text}." for code, text in m.warnings if code == which]
+    return [ended(text) for code, text in m.warnings if code == which]
+
+
+def ended(text: str) -> str:
+    """A sentence with the stop that it lacks."""
+    return text if text.endswith(("?", ".", "!")) else f"{text}."
 
 
 def tone(m: Material) -> str:
@@ -427,6 +432,11 @@ ELSEWHERE = (
     "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
     "(supply, neighbouring machine, limit cycle of a loop, knock) shows there too: remove it first."
 )
+#: Where the masses that the data ask for are none.
+APART = (
+    "Record the robot free of contact, or with the force on it measured; check that efforts, "
+    "positions and the description belong together."
+)
 #: Where what is left acts at low speed.
 SLOWLY = "Record slow strokes with many starts and turns: they show friction at low speed."
 #: Verdict -> what follows from it alone.
@@ -483,6 +493,10 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and changed(m):
         told = " ".join(changed(m))
         return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
+    if m.verdict == "unexplained" and (
+        _said(m, LOST) or any(NO_MASSES in text for text in _said(m, GRAVITY))
+    ):
+        return [APART, AGAIN]
     if m.verdict == "unexplained" and unlike(m) and not m.network:
         slow = all(STARTS in text for text in unlike(m))
         return [SLOWLY if slow else ELSEWHERE, AGAIN]

@@ -255,5 +255,10 @@ def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped
     one.search = SimpleNamespace(
         base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
         of_conservative=lambda j: masses,
+        problem=SimpleNamespace(d=1),
     )
+    one.evidence = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: rms[j] > 0.05))
+    one.rated.after = 0.01
     assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
+    one.rated.after = 0.04**2  # a quarter, at its floor: no law fits so what another one misses
+    assert not rules.CANDIDATE["discrepancy"](one)

@@ -85,3 +85,12 @@ def test_an_inertia_stays_above_zero(inertia, none):
     beta = (0.0, 1.2, 0.0, 0.0, 0.0, 0.0)
     effect = catalogue.get("variable-inertia")
     assert bool(refused(effect, seen, 0, (1 / (2 * np.pi),), beta, ())) == none
+
+
+def test_a_gear_that_grinds_nine_times_a_turn_is_named_over_ten_turns():
+    """Ninety periods over the range, beside a weight whose rope winds up: both have their names."""
+    d = diagnosed(lambda q, v, a: 0.05 * q + 0.03 * np.sin(9 * q + 1.0))
+    assert d.verdict == "missing-effect"
+    assert [(f.effect, f.rivals) for f in d.findings] == [("spring", []), ("cogging", [])]
+    values = d.findings[1].parameters
+    assert values["j1.cogging.p"].value * 2 * np.pi == pytest.approx(9.0, abs=0.01)

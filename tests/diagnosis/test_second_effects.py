@@ -1,0 +1,122 @@
+"""Small effects beside large ones: what one law misses, and what is an effect of its own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import plants
+import pytest
+
+import hil
+from hil.diagnosis.engine import nearest_refused
+from hil.diagnosis.verdict import REFUSED
+
+TONES = 2 * np.pi * np.array([0.11, 0.29, 0.71, 1.3])
+SIZES = np.array([0.6, 0.3, 0.12, 0.05])
+
+
+def moved(seed, seconds=25.0, rate=200.0):
+    """Times and path of one axis."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * rate)) / rate
+    return rng, t, plants.sines(t, TONES, SIZES, rng.uniform(0, 6.28, TONES.size))
+
+
+def recorded(effort, seed):
+    """One axis with dry and viscous friction, and what `effort` makes of all that it carries."""
+    rng, t, (q, v, a) = moved(seed)
+    tau = effort(q, v, a)
+    tau = tau + 0.003 * np.std(tau) * rng.normal(size=t.size)
+    return plants.single(f"axis{seed}", t, q + 2e-6 * rng.normal(size=t.size), tau)
+
+
+def diagnosed(effort):
+    run, hold = (recorded(effort, seed) for seed in (1, 2))
+    return hil.diagnose([run], hil.base_model(run.robot), [hold])
+
+
+def sign(v):
+    return np.tanh(v / 2e-3)
+
+
+def spring_with_a_seal(q, v, a):
+    """A spring, and a seal that rubs with a twentieth of what the cylinder pushes."""
+    load = 0.08 * a + 6.0 * q + 0.3
+    return load + (0.09 + 0.06 * np.abs(load)) * sign(v) + 0.4 * v
+
+
+def ripple_of_a_gear(q, v, a):
+    """An arm under gravity behind a gear whose ripple is a twentieth of what it carries."""
+    return (0.3 * a + 9.0 * np.sin(q + 0.2)) * (1 + 0.05 * np.sin(60 * q)) + 0.5 * sign(v) + v
+
+
+def tired_magnets(q, v, a):
+    """An arm under gravity; the motor gives 7 % less than its current says, at the most."""
+    felt = 0.25 * a + 9.0 * np.sin(q) + 0.3 * sign(v) + 0.2 * v
+    return felt / np.sqrt(1 - (felt / 22.0) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("effort", "second", "key", "value"),
+    [
+        (spring_with_a_seal, "load-friction", "mu", 0.06),
+        (ripple_of_a_gear, "torque-ripple", "p", 60 / (2 * np.pi)),
+        (tired_magnets, "torque-saturation", "L", 22.0),
+    ],
+)
+def test_the_second_effect_has_its_name_beside_one_that_is_twenty_times_as_large(
+    effort, second, key, value
+):
+    """No law that was named before misses it: the joint comes down to its noise with it alone."""
+    d = diagnosed(effort)
+    found = next(f for f in d.findings if f.effect == second)
+    assert found.confidence > 0.9
+    assert found.parameters[f"j1.{second}.{key}"].value == pytest.approx(value, rel=0.25)
+    first = next(s for s in d.ladder[1:] if d.findings[0].effect in s.label)
+    assert d.ladder[-1].heldout.relative[0] < first.heldout.relative[0] / 3
+
+
+def test_a_direct_drive_that_loses_a_third_at_its_peak_saturates():
+    def deep(q, v, a):
+        felt = 0.5 * a + 0.2 * sign(v) + 0.1 * v
+        top = np.max(np.abs(felt))
+        return felt / (1 - (felt / (1.85 * top)) ** 2)
+
+    run = recorded(deep, 1)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert [f.effect for f in d.findings] == ["torque-saturation"]
+    assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
+
+
+def refusing(after, sureness, before=1.0):
+    """A search whose one joint is above its floor, and that refused a law."""
+    evidence = {"before": before, "after": after, "standard_errors": sureness}
+    stop = SimpleNamespace(code="discrepancy", reason="it may be another's", evidence=evidence)
+    problem = SimpleNamespace(
+        holds=np.array([False]), joints=("j1",), effort=np.ones((1, 1)), rms=lambda x: x[:, 0]
+    )
+    errors = SimpleNamespace(power=np.array([1.0]))
+    return SimpleNamespace(
+        problem=problem, now=SimpleNamespace(errors=errors), stops={("load-friction", 0): stop}
+    )
+
+
+@pytest.mark.parametrize(
+    ("after", "sureness", "before", "said"),
+    [
+        (0.04, 5.0, 1.0, True),
+        (0.9, 5.0, 1.0, False),
+        (0.04, 1.0, 1.0, False),
+        (0.04, 5.0, 3.0, False),
+    ],
+)
+def test_the_law_that_would_do_most_is_told_with_the_test_that_it_failed(
+    after, sureness, before, said
+):
+    """One that takes half of what is left, surely, and was tried beside the last model."""
+    out = SimpleNamespace(findings=[], partial=[])
+    last = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: True))
+    told = nearest_refused(refusing(after, sureness, before), out, last)
+    assert bool(told) is said
+    if said:
+        ((code, text),) = told
+        assert code == REFUSED
+        assert "load-friction" in text and "100 to 20 %" in text and "it may be another's" in text
