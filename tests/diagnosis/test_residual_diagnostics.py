@@ -1,5 +1,7 @@
 """What is left at the floor and is no noise: said with what it is like, when and how fast."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import plants
 import pytest
@@ -9,7 +11,7 @@ import hil
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis.constants import BURSTS, CERTAIN, SURE, SWINGS
-from hil.diagnosis.residual_tests import UNLIKE, kurtosis
+from hil.diagnosis.residual_tests import STARTS, UNLIKE, _slowly, kurtosis
 from hil.diagnosis.verbs import ladder
 from hil.report.html import diagnosis_report
 
@@ -87,3 +89,12 @@ def test_known_distributions():
     t = np.linspace(0, 1, 5000, endpoint=False)
     assert kurtosis(np.sqrt(2) * np.sin(2 * np.pi * 40 * t))[0] == pytest.approx(-1.5)
     assert kurtosis(np.where(t < 0.5, 1.0, -1.0))[0] == pytest.approx(-2.0)
+
+
+@pytest.mark.parametrize(("slow", "said"), [(True, True), (False, False)])
+def test_bursts_where_the_joint_starts_and_turns_are_friction_at_low_speed(slow, said):
+    rng, v = np.random.default_rng(1), np.sin(np.linspace(0, 60, 6000))
+    burst = np.abs(v) < 0.05 if slow else np.abs(np.abs(v) - 0.7) < 0.03
+    left = 0.1 * rng.standard_normal(v.size) + 2.0 * burst * np.sign(v)
+    problem = SimpleNamespace(live=np.ones((1, v.size), dtype=bool), qd=v[None])
+    assert (STARTS in _slowly(problem, 0, left)) is said

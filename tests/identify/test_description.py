@@ -113,3 +113,22 @@ def test_a_description_counts_only_where_it_foretells_parts_left_out(factor, cou
 
 def test_rich_runs_are_fitted_by_themselves():
     assert fitted(30.0).pull is None
+
+
+def test_a_description_serves_where_the_data_alone_foretell_one_joint_worse_than_nothing():
+    """Though another joint, whose effort is far larger, is foretold a little better without it."""
+    rng = np.random.default_rng(7)
+    n, wide = 80, 66
+    x = np.zeros((2 * n, wide + 1))
+    x[:n, :wide], x[n:, wide] = rng.standard_normal((n, wide)), 100 * rng.standard_normal(n)
+    true = np.append(0.02 * rng.standard_normal(wide), 1.0)
+    target = x @ true + np.append(rng.standard_normal(n), 10 * rng.standard_normal(n))
+    pull = Pull(np.diag(np.append(np.full(wide, 50.0), 300.0)), np.append(true[:wide], 0.9), 0.1)
+    assert serves(SimpleNamespace(memo={}, n=n, d=2), pull, x, target)
+    # the first joint's rows alone do not decide where they are foretold at all
+    few = np.concatenate([x[:n, :2], x[n:, :2]]), np.concatenate([x[n:, wide:]] * 2)
+    more = np.concatenate([few[0], np.where(np.arange(2 * n)[:, None] < n, 0.0, few[1])], axis=1)
+    known = np.array([1.0, -1.0, 1.0])
+    held = more @ known + np.append(0.1 * rng.standard_normal(n), 10 * rng.standard_normal(n))
+    wrong = Pull(np.diag([1.0, 1.0, 300.0]), np.array([1.0, -1.0, 0.9]), 0.1)
+    assert not serves(SimpleNamespace(memo={}, n=n, d=2), wrong, more, held)

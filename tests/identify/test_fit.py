@@ -11,6 +11,7 @@ import pytest
 import scipy.optimize
 
 from hil.errors import ConfigError, DataError, FitError
+from hil.identify.context import update_load
 from hil.identify.fit import fit, predict, time_blocks
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -318,3 +319,25 @@ class Broken(Effect):
 def test_faulty_columns_of_an_own_effect_are_refused(columns: list[float], text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         Problem([plants.coulomb_axes()], AXIS.robot).columns(Broken(np.array(columns)), 0, ())
+
+
+def test_a_rotor_is_no_load_of_its_transmission():
+    """Where the links are known apart; of an axis without a description all inertia is one."""
+    problem = Problem([plants.spatial(1)], GUESS)
+    result = fit(problem, ARM + "armature")
+    (where,) = [
+        s
+        for t, s in zip(result.terms, result.slices, strict=True)
+        if t.effect.name == "armature" and t.joint == 1
+    ]
+    before = np.concatenate([m.load for m in problem.motions])
+    theta = result.theta.copy()
+    theta[where] += 5.0
+    update_load(problem, result.terms, theta, result.slices)
+    np.testing.assert_array_equal(np.concatenate([m.load for m in problem.motions]), before)
+    axis = plants.smooth_axis(1, seconds=8.0)
+    lone = Problem([axis], axis.robot)
+    own = fit(lone, base_model(axis.robot))
+    load = np.concatenate([m.load for m in lone.motions])[:, 0]
+    qdd = np.concatenate([m.qdd for m in lone.motions])[:, 0]
+    assert np.corrcoef(load, qdd)[0, 1] > 0.99 and own.values["j1.armature.ia"].value > 0
