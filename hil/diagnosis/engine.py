@@ -385,7 +385,7 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
     """
     problem, errors = search.problem, search.now.errors
     told = {(f.effect, f.joint) for f in (*out.findings, *out.partial)}
-    effort, out_ = problem.rms(problem.effort), []
+    effort, found = problem.rms(problem.effort), []
     for j in np.flatnonzero(~problem.holds).tolist():
         left = float(errors.power[j])
         if not last.floor.exceeded(np.sqrt(errors.power), j):
@@ -405,12 +405,12 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             after, name, why = min(near)
             was, now = (100 * max(x, 0.0) ** 0.5 / effort[j] for x in (left, after))
             text = (
-                f"{problem.joints[j]}: of the effects that are not named {name} would do most, "
-                f"{was:.3g} to {now:.3g} % of the effort. Why it is not named: {why}. To try it: "
+                f"{problem.joints[j]}: {name} would lower the error from {was:.3g} to {now:.3g} % of "
+                f"the effort, but is not named: {why}. To try it: "
                 f"hil add {name} --joint {problem.joints[j]}"
             )
-            out_.append((REFUSED, text))
-    return out_
+            found.append((REFUSED, text))
+    return found
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:
