@@ -405,8 +405,8 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             after, name, why = min(near)
             was, now = (100 * max(x, 0.0) ** 0.5 / effort[j] for x in (left, after))
             text = (
-                f"{problem.joints[j]}: {name} would lower the error from {was:.3g} to {now:.3g} % of "
-                f"the effort, but is not named: {why}. To try it: "
+                f"{problem.joints[j]}: {name} would lower the error from {was:.3g} to {now:.3g} % "
+                f"of the effort, but is not named: {why}. To try it: "
                 f"hil add {name} --joint {problem.joints[j]}"
             )
             found.append((REFUSED, text))
