@@ -194,9 +194,10 @@ KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradu
 #: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
 #: many such rows nothing is left to be explained.
 FREE = 0.8
-#: Least limit of iron that saturates gradually, as a share of the largest effort: half of that is
-#: lost there.  Half: a law that bends everywhere is one; 1: drives that lose 30 % have none.
-DEEP = 0.6
+#: Least limit of iron that saturates gradually, as a share of the largest effort: 38 % is lost
+#: there.  Half: friction under load is one, for both bend with the effort; 1.25: drives that lose
+#: 30 % go unnamed.
+DEEP = 0.8
 #: Share of the effort that a limit that acts takes at the largest command, at least.
 LIMIT_SHARE = 0.01
 #: Rows by which the command must be beyond a limit.
