@@ -144,6 +144,27 @@ def test_time_in_milliseconds(tmp_path, refuse):
     refuse(changed(tmp_path, lambda c: c.update(t=1e3 * c["t"])), "milliseconds", "scale = 0.001")
 
 
+@pytest.mark.parametrize(
+    ("period", "words"),
+    [
+        (0.1, ("10 Hz", "20 Hz is the slowest that is analysed", "Record faster")),
+        (5.0, ("it looks like milliseconds", "scale = 0.001")),
+    ],
+)
+def test_a_slow_time_is_refused_for_what_it_is(tmp_path, refuse, period, words):
+    def slower(c):
+        c.update(t=period * np.arange(c["t"].size))
+
+    refuse(changed(tmp_path, slower), *words)
+
+
+@pytest.mark.parametrize("off", [-7e-16, 7e-16, 5e-4])
+def test_twenty_a_second_are_taken_however_the_period_rounds(tmp_path, off):
+    """A clock that is a hundredth slow, too: the same rig was refused in every second recording."""
+    table = changed(tmp_path, lambda c: c.update(t=(0.05 + off) * np.arange(c["t"].size)))
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+
+
 def test_degrees_without_a_robot(tmp_path, refuse):
     table = changed(tmp_path, lambda c: c.update(q1=57.3 * c["q1"]))
     refuse(table, "q1", "degrees", "scale = 0.01745", 'unit = "rad"')
