@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis import artefacts, rules
-from hil.diagnosis.attribution import as_use, choose, kindred, overlap, physical
+from hil.diagnosis.attribution import as_use, choose, kindred, overlap, physical, twins
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
 from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
 from hil.diagnosis.constants import (
@@ -292,8 +292,8 @@ def _refitted_rivals(
 
     Where another effect of the joint has a shape, that was found without either of the two; beside
     it they may look alike though one leaves surely more with the shape that suits it.  Nor is a
-    wider law one, of which the named one is a case, that foretells no better.  `went` holds those
-    from which the search went on.
+    wider law one, of which the named one is a case, that foretells no better; a twin is none of
+    those.  `went` holds those from which the search went on.
     """
     rated = [went.get(r.candidate.term.key, r) for r in rated]
     named = _weighed(search, c, rated, projector)
@@ -303,7 +303,11 @@ def _refitted_rivals(
     most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
     gone = []
     for r in near:
-        wider = r.candidate.dof > c.dof and overlap(c, r.candidate, projector) > SAME_COSINE
+        wider = (
+            r.candidate.dof > c.dof
+            and not twins(c, r.candidate, projector)
+            and overlap(c, r.candidate, projector) > SAME_COSINE
+        )
         if not (others or wider):
             continue
         rung = _in_place(search, c, r.candidate)
