@@ -228,8 +228,8 @@ def _left_out(
     each = (x / scale).reshape(problem.d, problem.n, -1), target.reshape(problem.d, problem.n)
     part = np.arange(problem.n) * PARTS // problem.n
     some = [(each[0][:, part == k], each[1][:, part == k]) for k in range(PARTS)]
-    gram = np.stack([np.einsum("jnp,jnq->jpq", a, a, optimize=True) for a, _ in some])
-    right = np.stack([np.einsum("jnp,jn->jp", a, y) for a, y in some])
+    gram = np.stack([a.transpose(0, 2, 1) @ a for a, _ in some])
+    right = np.stack([(y[:, None] @ a)[:, 0] for a, y in some])
     own = np.sum(each[1] ** 2, axis=1)
     held = np.eye(scale.size) / max(float(target @ target), 1.0)
     rows, centre = pull.rows / scale, pull.centre * scale
