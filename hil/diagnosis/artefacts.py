@@ -9,6 +9,7 @@ sign of the filtered speed and s' that of a speed behind a wider filter, both as
     r ~ b (s' - s),   b > 0
 
 lowers the error then; friction that builds up after a reversal, as before sliding, has b < 0.
+No filter rounds more than the whole step: b is at most the model's friction.
 
 Friction that a rigid-body engine computes turns early as well: its stick is a joint that creeps,
 held by an acceleration -v / T, so that with a the acceleration
@@ -72,7 +73,8 @@ class Blur:
     Parameters
     ----------
     column : ndarray (n,)
-        Weighted column s' - s on the joint's rows; zeros where it explains nothing.
+        Weighted column s' - s on the joint's rows, times the largest b that friction allows; zeros
+        where it explains nothing.
     effort : ndarray (n,)
         What it takes from the residual [N m or N].
     gain : float
@@ -80,12 +82,15 @@ class Blur:
     early : bool
         Whether it is a sign that turns early, which a motion that is measured late shows as well:
         then only a law that does less explains no more than that.
+    open : bool
+        Whether more friction than the model has would explain more: then it is not all.
     """
 
     column: FloatArray
     effort: FloatArray
     gain: float
     early: bool = False
+    open: bool = False
 
 
 def blur(result: FitResult, projector: Projector, j: int) -> Blur:
@@ -95,12 +100,28 @@ def blur(result: FitResult, projector: Projector, j: int) -> Blur:
         return Blur(np.zeros(result.problem.n), np.zeros(result.problem.n), 0.0)
     key = ("blur", j, term.shape)
     if key not in projector.memo:
-        projector.memo[key] = _best(result.problem, term, projector)
+        projector.memo[key] = _best(result.problem, term, projector, _friction(result, j))
     found: Blur = projector.memo[key]
     return found
 
 
-def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
+def _friction(result: FitResult, j: int) -> float:
+    """The model's friction of joint j about its reversals [N m or N]: of the slowest tenth."""
+    problem, total = result.problem, np.zeros(1)
+    speed = np.concatenate([np.abs(m.qd[:, j]) for m in problem.motions])
+    for t, where in zip(result.terms, result.slices, strict=True):
+        if (
+            t.joint == j
+            and t.effect.family == "friction"
+            and not (t.per_run or t.effect.scope.whole)
+        ):
+            raw = problem.raw(t.effect, j, t.shape)
+            total = total + np.concatenate([x @ result.theta[where] for x in raw])
+    return float(np.max(np.abs(total[speed <= np.quantile(speed, TENTH)]), initial=0.0))
+
+
+def _best(problem: Problem, term: Term, projector: Projector, most: float) -> Blur:
+    """The other sign that explains most; `most`: the model's friction [N m or N]."""
     best = Blur(np.zeros(problem.n), np.zeros(problem.n), 0.0)
     j = term.joint
     rows, sigma = projector.rows(term), float(projector.sigma[j])
@@ -110,8 +131,14 @@ def _best(problem: Problem, term: Term, projector: Projector) -> Blur:
         known = projector.inner(rows, c[:, None])
         new = c - projector.spanned(known)[rows][:, 0]
         along, size = float(new @ r), float(new @ new)
-        if along > 0.0 and size > 1e-12 * float(c @ c) and along**2 / size > best.gain:
-            best = Blur(c, new * (along / size) * sigma, along**2 / size, early > 0.0)
+        if along <= 0.0 or size <= 1e-12 * float(c @ c):
+            continue
+        largest = ADEQUATE * most
+        b = min(along / size, largest)
+        gain = b * (2 * along - b * size)
+        if gain > best.gain:
+            more = along > largest * size
+            best = Blur(largest * c, b * new * sigma, gain, early > 0.0, more)
     return best
 
 
@@ -176,9 +203,9 @@ def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector
         for c in own:
             if blurred.gain > 0.0 and c.term.joint == j:
                 law = projector.weighted(c.term)
-                beside = np.column_stack([_felt(blurred.column, j, projector, len(law)), law])
-                more = projector.gain_of(c.term, beside) - blurred.gain
-                less = not blurred.early or c.gain < blurred.gain
+                column = _felt(blurred.column, j, projector, len(law))
+                more = projector.gain_beside(c.term, law, column) - blurred.gain
+                less = c.gain < blurred.gain if blurred.early else not blurred.open
                 c.blurred = less and more < OPEN * c.gain
                 c.smoother &= not c.blurred
 

@@ -34,7 +34,7 @@ from hil.diagnosis.evidence import (
     terms_to_try,
 )
 from hil.diagnosis.floor import practical
-from hil.diagnosis.grams import GramTable, Group
+from hil.diagnosis.grams import BlockErrors, GramTable, Group
 from hil.diagnosis.search import Search, Visited, simplest, without
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
@@ -293,25 +293,28 @@ def _refitted_rivals(
     Where another effect of the joint has a shape, that was found without either of the two; beside
     it they may look alike though one leaves surely more with the shape that suits it.  Nor is a
     wider law one, of which the named one is a case, that foretells no better; a twin is none of
-    those.  `went` holds those from which the search went on.
+    those.  `went` holds those from which the search went on, with the errors that it came to.
     """
+    coarse = {r.candidate.term.key: r.candidate for r in rated}
     rated = [went.get(r.candidate.term.key, r) for r in rated]
     named = _weighed(search, c, rated, projector)
-    keys = {r.term.key for r in named.rivals} - went.keys()
-    near = [r for r in rated if r.candidate.term.key in keys]
+    keys = {r.term.key for r in named.rivals}
     others = any(f is not c and f.joint == c.joint and f.term.effect.shape for f in search.found)
     most = (1 + WORTH) ** 2 * float(search.now.errors.power[c.joint])
     gone = []
-    for r in near:
+    for r in (r for r in rated if r.candidate.term.key in keys):
+        alone = coarse[r.candidate.term.key]
         wider = (
-            r.candidate.dof > c.dof
-            and not twins(c, r.candidate, projector)
-            and overlap(c, r.candidate, projector) > SAME_COSINE
+            alone.dof > c.dof
+            and not twins(c, alone, projector)
+            and overlap(c, alone, projector) > SAME_COSINE
         )
-        if not (others or wider):
+        apart = r.candidate.term.key in went
+        if not (wider or (others and not apart)):
             continue
-        rung = _in_place(search, c, r.candidate)
-        if (others and _errs(search, c, rung, most)) or (wider and not _gains(search, rung)):
+        errors = r.errors if apart else _in_place(search, c, r.candidate).errors
+        errs = others and not apart and _errs(search, c, errors, most)
+        if errs or (wider and not _gains(search, errors)):
             gone.append(r)
     if not gone:
         return named
@@ -343,7 +346,7 @@ def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -
         power = float(other.rms[c.joint]) ** 2
         if power > max(most, float(one.rms[c.joint]) ** 2 / HALF**2):
             return True
-    return _errs(search, c, rung, most)
+    return _errs(search, c, rung.errors, most)
 
 
 def _in_place(search: Search, c: Candidate, rival: Candidate) -> Visited:
@@ -355,25 +358,25 @@ def _in_place(search: Search, c: Candidate, rival: Candidate) -> Visited:
     return rung
 
 
-def _errs(search: Search, c: Candidate, rung: Visited, most: float) -> bool:
+def _errs(search: Search, c: Candidate, other: BlockErrors, most: float) -> bool:
     """Whether another model surely foretells left-out blocks worse than the present one.
 
     And leaves more power on an effect's joint than `most`.
     """
     now = search.now
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
-    left, before = rung.errors.squared @ weight, now.errors.squared @ weight
+    left, before = other.squared @ weight, now.errors.squared @ weight
     # where it errs many times as much, most of that may lie in a few blocks: by its logarithm, too
     ratio = np.maximum(left, 1e-300) / np.maximum(before, 1e-300)
     rise = max(paired(left - before), paired(np.log(ratio)))
-    return rise > SURE and float(rung.errors.power[c.joint]) > most
+    return rise > SURE and float(other.power[c.joint]) > most
 
 
-def _gains(search: Search, rung: Visited) -> bool:
+def _gains(search: Search, other: BlockErrors) -> bool:
     """Whether another model foretells left-out blocks better than the present one."""
     now = search.now
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
-    return paired((now.errors.squared - rung.errors.squared) @ weight) > RISEN
+    return paired((now.errors.squared - other.squared) @ weight) > RISEN
 
 
 def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:

@@ -122,10 +122,27 @@ class Projector:
 
     def gain_of(self, term: Term, columns: FloatArray) -> float:
         """The same of weighted columns (N, m) on the term's rows, whatever their signs."""
+        gram, right = self._normal(term, columns)
+        return float(right @ least_squares(gram, right, 1e-9))
+
+    def gain_beside(self, term: Term, columns: FloatArray, other: FloatArray) -> float:
+        """The same beside another column (N, 1) that has a coefficient of at most 1.
+
+        The fall is convex in that coefficient: where the best one is larger, 1 is best.
+        """
+        gram, right = self._normal(term, np.column_stack([other, columns]))
+        beta = least_squares(gram, right, 1e-9)
+        if beta[0] <= 1.0:
+            return float(right @ beta)
+        rest = right[1:] - gram[1:, 0]
+        alone = float(2 * right[0] - gram[0, 0])
+        return alone + float(rest @ least_squares(gram[1:, 1:], rest, 1e-9))
+
+    def _normal(self, term: Term, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gram's matrix and right side of weighted columns beside the base."""
         rows = self.rows(term)
         right, known = columns.T @ self.residual[rows], self.inner(rows, columns)
-        gram = columns.T @ columns - known.T @ known
-        return float(right @ least_squares(gram, right, 1e-9))
+        return columns.T @ columns - known.T @ known, right
 
     def gains(self, term: Term, shapes: Sequence[tuple[float, ...]]) -> FloatArray:
         """The same for several shapes of the term."""

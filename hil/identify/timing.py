@@ -58,7 +58,8 @@ CLEAR = 3.0
 PIECES = 6
 #: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
 TURN = 0.005
-
+#: Speed below which friction may be larger, over the rms speed.
+LOW_SPEED = 0.1
 
 #: Largest lateness of recorded efforts that is looked for [s]: a filter of 2 Hz, messages missed.
 LATEST = 0.1
@@ -106,23 +107,31 @@ class _WholeRate(_Rate):
     whole = True
 
 
-class _Turn(Effect):
-    """Friction that turns a little before the speed does, or after it, in its first order."""
+class _OtherFriction(Effect):
+    """What another law of friction adds: a turn before the speed's or after it, a bent curve."""
 
-    name, family = "friction-turn", "friction"
+    name, family = "other-friction", "friction"
     doc = Doc(
-        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)),  T = 5 ms",
-        "friction that leads the speed",
-        "reversals",
-        "Taylor's series",
+        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)) + s tanh(v / v0) exp(-|v| / vs) + d v |v|,"
+        "  T = 5 ms, vs a tenth of the rms speed",
+        "friction that leads the speed, is larger at low speed, or grows with its square",
+        "reversals, and strokes at several speeds",
+        "Taylor's series; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994",
     )
-    params = (Param("c", "{F}", "friction that turns early"),)
+    params = (
+        Param("c", "{F}", "friction that turns early"),
+        Param("s", "{F}", "friction at low speed"),
+        Param("d", "{F}", "drag at the rms speed"),
+    )
     traits = Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Difference of a sign that turns early and the sign."""
+        """Difference of a sign that turns early and the sign; what is odd in the speed."""
         v, a, v0 = motion.qd[:, j], motion.qdd[:, j], float(motion.resolution[j])
-        return (motion.sign_of(v + TURN * a, a, v0) - motion.sign_of(v, a, v0))[:, None]
+        sign, size = motion.sign_of(v, a, v0), max(float(np.sqrt(np.mean(v**2))), 1e-300)
+        turn = motion.sign_of(v + TURN * a, a, v0) - sign
+        low = sign * np.exp(-np.abs(v) / (LOW_SPEED * size))
+        return np.stack([turn, low, v * np.abs(v) / size**2], axis=1)
 
 
 def longest_shift(problem: Problem) -> float:
@@ -131,11 +140,12 @@ def longest_shift(problem: Problem) -> float:
 
 
 def slow_delay(
-    result: FitResult, j: int, whole: bool = False, turns: bool = False
+    result: FitResult, j: int, whole: bool = False, friction: bool = False
 ) -> tuple[float, float]:
     """Delay of joint j's effort [s] and its standard error, from the slow motion alone.
 
-    `whole`: of motor and external effort together; `turns`: told from friction that turns early.
+    `whole`: of motor and external effort together; `friction`: told from another law
+    of friction, which turns early or is bent over the speed.
 
     In a closed loop the controller answers the very disturbances that the model leaves over, so
     noise looks like a delay of several milliseconds where it is fast.  Below a quarter of the
@@ -144,15 +154,15 @@ def slow_delay(
     """
     made_of = [result.x, result.problem.y]
     return result.problem.remembered(
-        ("slow delay", j, whole, turns), made_of, lambda: _slow_delay(result, j, whole, turns)
+        ("slow delay", j, whole, friction), made_of, lambda: _slow_delay(result, j, whole, friction)
     )
 
 
-def _slow_delay(result: FitResult, j: int, whole: bool, turns: bool) -> tuple[float, float]:
+def _slow_delay(result: FitResult, j: int, whole: bool, friction: bool) -> tuple[float, float]:
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
     late = block(problem, Term(_WholeRate() if whole else _Rate(), j))
-    more = [block(problem, Term(_Turn(), j))] if turns else []
+    more = [block(problem, Term(_OtherFriction(), j))] if friction else []
     own = [x[:, np.any(x != 0, axis=0)], *more]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
     rows = _slow_runs(rows, problem)
@@ -236,8 +246,9 @@ def sample_shift(result: FitResult) -> tuple[float, float]:
     Zero beyond one sample.
 
     Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
-    apart from friction that turns before the speed does.  The median over joints, weighted by what
-    each can tell, so that one joint's real delay or hysteresis does not shift the others.
+    apart from friction that turns before the speed does, or is bent over the speed.  The median
+    over joints, weighted by what each can tell, so that one joint's real delay or hysteresis does
+    not shift the others.
 
     Any alignment within one sample is as likely as another before the data are seen, with a
     standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
@@ -249,7 +260,7 @@ def sample_shift(result: FitResult) -> tuple[float, float]:
         return 0.0, 0.0
     late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
     longest = longest_shift(problem)
-    seen = [slow_delay(result, j, turns=True) for j in sorted(set(range(problem.d)) - late)]
+    seen = [slow_delay(result, j, friction=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
     if abs(shift) > longest:
@@ -272,7 +283,7 @@ def recorded_late(result: FitResult) -> float:
     problem = result.problem
     longest, moves = longest_shift(problem), np.flatnonzero(~problem.holds).tolist()
     if problem.shift >= -longest:
-        told = [slow_delay(result, j, turns=True) for j in moves]
+        told = [slow_delay(result, j, friction=True) for j in moves]
         if not any(value + CLEAR * error < -longest for value, error in told):
             return 0.0
     step = max(1.0 / min(problem.sources), LATEST / MOST_SHIFTS)
@@ -526,7 +537,9 @@ def lateness(recording: Recording) -> Lateness:
         given = problem.given_shift
         said = f"the efforts are shifted by {given * 1e3:.3g} ms, as [signal] in the map file says"
         return Lateness(-given, -given * samples, said)
-    known = [slow_delay(result, j, turns=True)[1] for j in np.flatnonzero(~problem.holds).tolist()]
+    known = [
+        slow_delay(result, j, friction=True)[1] for j in np.flatnonzero(~problem.holds).tolist()
+    ]
     proven = problem.alignment.late > longest
     if not proven and min(known, default=np.inf) >= KNOWN * longest:
         return Lateness(
