@@ -158,6 +158,7 @@ def _concluded(
     Once more if corrections have led the fit out of a local minimum, and are not needed there.
     """
     progress.at("compare with rivals", 0.2)
+    search.reformed()
     named = exchange(search)
     renew(search.now.result)
     progress.at("judge the names", 0.33)

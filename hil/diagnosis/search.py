@@ -18,7 +18,7 @@ from hil import progress
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use
 from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
-from hil.diagnosis.constants import ADEQUATE, BEYOND, DISCREPANCY, HALF, WORTH
+from hil.diagnosis.constants import ADEQUATE, BEYOND, DISCREPANCY, HALF, RISEN, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
@@ -35,10 +35,11 @@ from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
-from hil.identify.design import replaced
+from hil.identify.design import Term, prefix, replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.identify.shape_search import together
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -294,6 +295,36 @@ class Search:
         for rung in self.rungs[first:]:
             rung.step = replace(rung.step, result=_freed(rung.result, named))
         return self.rungs[start:]
+
+    def reformed(self) -> None:
+        """Effects with several forms in the one that leaves least, each sought with its sign.
+
+        What was found before it may have left another form.  Where that leaves less, the search
+        goes on from there.
+        """
+        for c in list(self.found):
+            now, own = self.now, c.term.effect
+            terms = {t.key: t for t in now.result.terms}
+            term = terms.get(c.term.key)
+            dry = [t for t in terms.values() if t.joint == c.joint and Trait.DRY in t.effect.traits]
+            forms = {s[1:] for s in self.problem.grid(own, c.term.joint)}
+            if term is None or not dry or own.scope.whole or len(forms) < 2:
+                continue
+            renew(now.result)
+            found = together(self.problem, now.result.terms, now.result.sigma, term, dry[0])
+            if found is None:
+                continue
+            model = now.result.model
+            for t in found:
+                model = _reshaped(model, t, self.problem)
+            rung = self.rung(now.step.label, model, now.result.sigma)
+            rise = (rung.errors.squared - now.errors.squared)[:, c.joint]
+            if _missed(rung.errors, now.errors, self._moves) or paired(-rise) < RISEN:
+                renew(now.result)
+                continue
+            rung.added = now.added
+            self.rungs[-1], self._tried = rung, None
+            self.forward([c.joint])
 
     def settle(self, corrections: int) -> bool:
         """Whether the model without its last corrections does better than it did before them.
@@ -558,6 +589,17 @@ def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
     use = as_use(c, problem)
     rest = tuple(u for u in model.effects if _place(u) != _place(use))
     return replace(model, effects=rest)
+
+
+def _reshaped(model: RobotModel, term: Term, problem: Problem) -> RobotModel:
+    """A fitted model with other shape values of one of its terms."""
+    head = prefix(term, problem.joints)
+    values = {f"{head}.{p.name}": x for p, x in zip(term.effect.shape, term.shape, strict=True)}
+    use = model.effects[term.use]
+    new = {n: replace(v, value=values.get(n, v.value)) for n, v in use.values.items()}
+    effects = list(model.effects)
+    effects[term.use] = replace(use, values=new)
+    return replace(model, effects=tuple(effects))
 
 
 def _missed(rest: BlockErrors, now: BlockErrors, joints: Sequence[int]) -> bool:

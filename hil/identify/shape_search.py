@@ -12,10 +12,11 @@ Maximum of a smooth function between three points, by few evaluations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.identify.design import Term
@@ -112,6 +113,93 @@ def search_shapes(
                 found = _sharpest(projector, found, gain)
         out[k] = found
     return out
+
+
+#: First step of the search for two shapes together, of their logarithms.
+LITTLE = 0.2
+#: Steps of the search for two shapes together, of each form, and how close its logarithms end.
+PAIR_STEPS, PAIR_CLOSE = 60, 0.01
+
+
+def together(
+    problem: Problem, terms: list[Term], sigma: FloatArray, term: Term, dry: Term
+) -> tuple[Term, Term] | None:
+    """A term and the sign of its joint with the shapes that leave least where both are sought.
+
+    One after the other they may end where no step of one alone leads down: a Stribeck curve of
+    another exponent asks for another resolution of the sign.  In each of its forms the first value
+    and the resolution are sought from the best pair of their grids.  None where no pair leaves
+    clearly less than they do now.
+
+    Parameters
+    ----------
+    problem : Problem
+        The runs.
+    terms : list of Term
+        All terms of a fit.
+    sigma : ndarray (d,)
+        Effort scale by joint.
+    term, dry : Term
+        Two of them: one with several forms, and the Coulomb friction of its joint.
+
+    Source: Nelder, Mead, Computer Journal 7, 1965.
+    """
+    others = [t for t in terms if t.key not in (term.key, dry.key)]
+    pair = _Pair(problem, Projector(problem, others, sigma), term, dry)
+    now = pair.gains(dry.shape[0], [term.shape])[0]
+    grid, signs = grid_of(problem, term), [s[0] for s in grid_of(problem, dry)]
+    table = np.array([pair.gains(v0, grid) for v0 in signs])
+    best, forms = (now, dry.shape[0], term.shape), dict.fromkeys(s[1:] for s in grid)
+    for form in forms:
+        own = [k for k, s in enumerate(grid) if s[1:] == form]
+        at, k = np.unravel_index(np.argmax(table[:, own]), (len(signs), len(own)))
+        best = max(best, pair.climbed(signs[int(at)], grid[own[int(k)]]))
+    least = pair.projector.rss - best[0]
+    if pair.projector.rss - now <= CLOSE * least:
+        return None
+    return term.reshaped(best[2]), dry.reshaped((best[1],))
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A term and the sign of its joint beside all others."""
+
+    problem: Problem
+    projector: Projector
+    term: Term
+    dry: Term
+
+    def gains(self, v0: float, shapes: Sequence[tuple[float, ...]]) -> list[float]:
+        """Gain of both with the sign resolved to v0, for some shapes of the term."""
+        problem, j = self.problem, self.term.joint
+        every = np.where(np.arange(problem.d) == j, v0, problem.motions[0].v0)
+        motions = [m.with_(v0=every) for m in problem.motions]
+        laws = [(self.dry.effect, (v0,)), *((self.term.effect, s) for s in shapes)]
+        raw = [[e.columns(m, j, s) for e, s in laws] for m in motions]
+        edges = np.cumsum([x.shape[1] for x in raw[0]])[:-1]
+        rows = problem.gated([np.concatenate(x, axis=1) for x in raw], j) / self.projector.sigma[j]
+        sign, *each = np.split(rows, edges, axis=1)
+        return [self.projector.gain_of(self.dry, np.concatenate([sign, x], axis=1)) for x in each]
+
+    def climbed(
+        self, v0: float, shape: tuple[float, ...]
+    ) -> tuple[float, float, tuple[float, ...]]:
+        """Gain, resolution and shape at the summit next to a pair."""
+        start = np.log([v0, shape[0]])
+
+        def loss(x: FloatArray) -> float:
+            one, first = np.exp(x)
+            return -self.gains(float(one), [(float(first), *shape[1:])])[0]
+
+        simplex = start + np.array([[0.0, 0.0], [LITTLE, 0.0], [0.0, LITTLE]])
+        found = scipy.optimize.minimize(
+            loss,
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": PAIR_STEPS, "xatol": PAIR_CLOSE},
+        )
+        one, first = np.exp(found.x)
+        return -float(found.fun), float(one), (float(first), *shape[1:])
 
 
 def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:

@@ -36,9 +36,11 @@ from hil.identify.fit import fit
 from hil.identify.problem import Alignment, Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
+from hil.models.correction import SLIPS
 from hil.models.effect import Doc, Effect, Param, Trait
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
+from hil.models.presliding import slip_state
 from hil.record.consistency import velocity_factor
 from hil.record.recording import Recording
 
@@ -108,13 +110,14 @@ class _WholeRate(_Rate):
 
 
 class _OtherFriction(Effect):
-    """What another law of friction adds: a turn before the speed's or after it, a bent curve."""
+    """What another law of friction adds: another turn, a bent curve, bristles before it slides."""
 
     name, family = "other-friction", "friction"
     doc = Doc(
-        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)) + s tanh(v / v0) exp(-|v| / vs) + d v |v|,"
-        "  T = 5 ms, vs a tenth of the rms speed",
-        "friction that leads the speed, is larger at low speed, or grows with its square",
+        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)) + s tanh(v / v0) exp(-|v| / vs) + d v |v|"
+        " + sum_k f_k z_k,  z_k <- clip(z_k + dq / w_k, -1, 1),  T = 5 ms, vs a tenth of the rms "
+        "speed, w_k a thousandth to three hundredths of the range",
+        "friction that leads the speed, lags it, is larger at low speed, or grows with its square",
         "reversals, and strokes at several speeds",
         "Taylor's series; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994",
     )
@@ -122,16 +125,20 @@ class _OtherFriction(Effect):
         Param("c", "{F}", "friction that turns early"),
         Param("s", "{F}", "friction at low speed"),
         Param("d", "{F}", "drag at the rms speed"),
+        *(Param(f"f{k + 1}", "{F}", "friction that builds up") for k in range(len(SLIPS))),
     )
     traits = Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Difference of a sign that turns early and the sign; what is odd in the speed."""
+        """A sign that turns early less the sign, two curves over the speed, and bristles."""
         v, a, v0 = motion.qd[:, j], motion.qdd[:, j], float(motion.resolution[j])
         sign, size = motion.sign_of(v, a, v0), max(float(np.sqrt(np.mean(v**2))), 1e-300)
         turn = motion.sign_of(v + TURN * a, a, v0) - sign
         low = sign * np.exp(-np.abs(v) / (LOW_SPEED * size))
-        return np.stack([turn, low, v * np.abs(v) / size**2], axis=1)
+        low_q, high_q = motion.span[j]
+        q, length = np.ascontiguousarray(motion.q[:, j]), max(float(high_q - low_q), 1e-9)
+        bristles = [slip_state(q, length * share) for share in SLIPS]
+        return np.stack([turn, low, v * np.abs(v) / size**2, *bristles], axis=1)
 
 
 def longest_shift(problem: Problem) -> float:
@@ -278,7 +285,8 @@ def recorded_late(result: FitResult) -> float:
 
         min_T  sum_j log |(1 - Q_j Q_j') y_j(t + T)|,
 
-    Q_j the columns of the model on joint j, all coefficients free.  No joint may lose by it.
+    Q_j the columns of the model and of other laws of friction on joint j, all coefficients free.
+    No joint may lose by it.
     """
     problem = result.problem
     longest, moves = longest_shift(problem), np.flatnonzero(~problem.holds).tolist()
@@ -294,13 +302,17 @@ def recorded_late(result: FitResult) -> float:
 
 
 def _left(result: FitResult, j: int, shift: float) -> float:
-    """Norm of what the model leaves of joint j's slow effort when its motor's is shifted."""
+    """Norm of what the model leaves of joint j's slow effort when its motor's is shifted.
+
+    Beside another law of friction: bristles that bend before they slide look late, too.
+    """
     problem = result.problem
     key = ("slow basis", j)
     x = result.x.reshape(problem.d, problem.n, -1)[j]
 
     def made() -> FloatArray:
-        own = _slow_runs(x[:, np.any(x != 0, axis=0)], problem)
+        more = block(problem, Term(_OtherFriction(), j))
+        own = _slow_runs(np.concatenate([x[:, np.any(x != 0, axis=0)], more], axis=1), problem)
         return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
 
     q = problem.remembered(key, [result.x], made)
