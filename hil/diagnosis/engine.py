@@ -158,7 +158,8 @@ def _concluded(
     Once more if corrections have led the fit out of a local minimum, and are not needed there.
     """
     progress.at("compare with rivals", 0.2)
-    search.reformed()
+    if joints := search.reformed(search.found):
+        search.forward(joints)
     named = exchange(search)
     renew(search.now.result)
     progress.at("judge the names", 0.33)

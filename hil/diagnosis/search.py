@@ -271,6 +271,8 @@ class Search:
             if self.blind and self.now is not before:
                 # what a large effect hid of the geometry is no news, and gets no name
                 self._corrected([c.joint for c in self.now.added], GEOMETRY)
+            if self.now is not before:
+                self.reformed(self.now.added)
             self.backward()
 
     def correct(self, joints: Sequence[int]) -> list[Visited]:
@@ -296,17 +298,24 @@ class Search:
             rung.step = replace(rung.step, result=_freed(rung.result, named))
         return self.rungs[start:]
 
-    def reformed(self) -> None:
+    def reformed(self, some: Sequence[Candidate]) -> list[int]:
         """Effects with several forms in the one that leaves least, each sought with its sign.
 
-        What was found before it may have left another form.  Where that leaves less, the search
-        goes on from there.
+        What was beside them when they were found may have left another form.
+
+        Returns
+        -------
+        list of int
+            Joints on which another one was found.
         """
-        for c in list(self.found):
+        changed = []
+        for c in some:
             now, own = self.now, c.term.effect
             terms = {t.key: t for t in now.result.terms}
-            term = terms.get(c.term.key)
-            dry = [t for t in terms.values() if t.joint == c.joint and Trait.DRY in t.effect.traits]
+            term, dry = (
+                terms.get(c.term.key),
+                [t for t in terms.values() if t.joint == c.joint and Trait.DRY in t.effect.traits],
+            )
             forms = {s[1:] for s in self.problem.grid(own, c.term.joint)}
             if term is None or not dry or own.scope.whole or len(forms) < 2:
                 continue
@@ -318,13 +327,14 @@ class Search:
             for t in found:
                 model = _reshaped(model, t, self.problem)
             rung = self.rung(now.step.label, model, now.result.sigma)
-            rise = (rung.errors.squared - now.errors.squared)[:, c.joint]
-            if _missed(rung.errors, now.errors, self._moves) or paired(-rise) < RISEN:
+            fall = (now.errors.squared - rung.errors.squared)[:, c.joint]
+            if paired(fall) < RISEN or _missed(rung.errors, now.errors, self._moves):
                 renew(now.result)
                 continue
             rung.added = now.added
             self.rungs[-1], self._tried = rung, None
-            self.forward([c.joint])
+            changed.append(c.joint)
+        return changed
 
     def settle(self, corrections: int) -> bool:
         """Whether the model without its last corrections does better than it did before them.

@@ -92,6 +92,8 @@ def fit(
     whole = all(t.shape for t in terms if t.effect.shape)
     terms = [replace(t, shape=t.shape or _start(t, problem)) for t in terms]
     find_surface(problem, terms, sigma)
+    if whole:
+        set_context(problem, terms)  # another fit may have left its own
     given = _settled(problem, terms, model, sigma) if whole else None
     idle: set[tuple[str, int]] = set()
     if given:
@@ -149,7 +151,6 @@ def _settled(
     """
     if problem.motions[0].drive.size:
         return None
-    set_context(problem, terms)
     for _ in range(SETTLING):
         motions = problem.motions
         sigma, idle = _scales(problem, terms, model, sigma)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
+    FINER,
     STRICT,
     Doc,
     Effect,
@@ -74,7 +75,7 @@ class Coulomb(Effect):
     )
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
-    search = Grid(_coulomb_grid, sharpest=True, at_resolution=True)
+    search = Grid(_coulomb_grid, sharpest=True, at_resolution=True, rounds=1)
     traits = Trait.GIVEN | Trait.DRY
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -327,10 +328,24 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
     return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
+#: Shares of a joint's inertia that may be its motor's.
+PARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+
+
 def _load_friction_grid(motion: Motion, j: int) -> Shapes:
     """The loads that differ."""
-    static = [(1.0,)] if np.any(motion.static[:, j]) else []
-    return [(0.0,), *static, (2.0,)]
+    static = [(1.0, 0.0)] if np.any(motion.static[:, j]) else []
+    return [(0.0, 0.0), *static, (2.0, 0.0)]
+
+
+def _load_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other inertias of the motor within the model's masses; the present one first."""
+    of, own = shape
+    if of or motion.response is None:
+        return []
+    size = float(np.mean(motion.response.inertia[:, j, j]))
+    more = [own * x for x in FINER] if own else [s * size * x for x in PARTS for s in (1, -1)]
+    return [(of, own), *((of, x) for x in more)]
 
 
 class LoadFriction(Effect):
@@ -339,9 +354,10 @@ class LoadFriction(Effect):
     name, family = "load-friction", "friction"
     doc = Doc(
         equation=(
-            "tau = mu |load| tanh(v / v0),  "
+            "tau = mu |load - i qdd| tanh(v / v0),  "
             "load = all that is transmitted (without the motor's own inertia), its static part, "
-            "or the motor's own effort (a gear or a cable around a capstan)"
+            "or the motor's own effort (a gear or a cable around a capstan); i: what the model's "
+            "masses hold of the motor's inertia"
         ),
         signature="friction grows with gravity, acceleration or contact load",
         confused_with=("torque-gain", "coulomb", "position-friction"),
@@ -365,14 +381,16 @@ class LoadFriction(Effect):
             ),
             choice=True,
         ),
+        Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses"),
     )
-    search = Grid(_load_friction_grid, refine=False)
+    search = Grid(_load_friction_grid, across=_load_friction_across, refine=False, rounds=4)
     traits = Trait.LOAD
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|load| sgn(v)."""
         of = int(shape[0])
         load = motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
+        load = load - shape[1] * motion.qdd[:, j] if shape[1] else load
         return (np.abs(load) * motion.sign(j))[:, None]
 
 
