@@ -36,11 +36,10 @@ from hil.identify.fit import fit
 from hil.identify.problem import Alignment, Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
-from hil.models.correction import SLIPS
 from hil.models.effect import Doc, Effect, Param, Trait
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
-from hil.models.presliding import slip_state
+from hil.models.presliding import SLIPS, slip_state
 from hil.record.consistency import velocity_factor
 from hil.record.recording import Recording
 

@@ -33,7 +33,7 @@ from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, ty
 from hil.models.formula import evaluated, states
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
-from hil.models.presliding import slip_state
+from hil.models.presliding import SLIPS, slip_state
 from hil.models.robots import IndependentAxes
 
 #: Beyond the range by this factor a function of the position stays where it ends.
@@ -41,9 +41,8 @@ RANGE_FACTOR = 1.05
 #: Degree of a function of the position.  Half: a joint's cable or foam needs two corrections;
 #: double: runs that go a little further than the fitted ones are foretold worse than without.
 DEGREE = 4
-#: Least displacements at which elements of a hysteresis slip, as shares of the range, and the
-#: multiples of it at which the others do.
-SLIPS, WIDER = (0.001, 0.003, 0.01, 0.03), (1.0, 3.0, 9.0)
+#: Displacements at which the elements of a hysteresis slip, as multiples of the least one.
+WIDER = (1.0, 3.0, 9.0)
 #: Times in which something follows the position [s].
 TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
 #: Share of the shortest run that such a time may take.  What was before a run is not known: after

@@ -32,6 +32,8 @@ from hil.models.parts import Others
 LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+#: Displacements at which elements of a hysteresis slip, as shares of the range.
+SLIPS = (0.001, 0.003, 0.01, 0.03)
 #: Least displacement over which friction builds up, in units of the least that is tried.
 FORM_REACH = 1.1
 #: Share of the friction that loops carry at least, to be more than the error of a sign's form.
