@@ -80,11 +80,15 @@ def described(t: FloatArray, found: Jumps) -> str:
     )
 
 
+#: Part of a count by which multiples of it may be off in a table, and steps that show one.
+OFF, FEW_STEPS = 0.1, 100
+
+
 def resolution(x: FloatArray, exact: bool = False) -> float:
     """Smallest step of a position (n,) that comes in counts; 0 where it does not.
 
-    `exact` asks that multiples of a count agree to the last digit, as a decoder gives them and a
-    table with rounded numbers does not.
+    `exact` asks that multiples of a count agree to the last digit, as a decoder gives them; a table
+    with rounded numbers has counts where all its steps are near whole multiples of one.
     """
     steps = np.abs(np.diff(x[:20000]))
     steps = steps[steps > 1e-12]
@@ -92,8 +96,23 @@ def resolution(x: FloatArray, exact: bool = False) -> float:
     for some in (steps[:1000], steps):
         kinds = np.unique(some if exact else np.round(some, 12)).size
         if not 0 < kinds < MAX_KINDS:
-            return 0.0
+            return _multiples(steps) if exact else 0.0
     return float(steps.min())
+
+
+def _multiples(steps: FloatArray) -> float:
+    """The step of which all others are multiples but for `OFF` of it; 0 where there is none."""
+    if steps.size < FEW_STEPS:
+        return 0.0
+    one = float(steps.min())
+    order = np.sort(steps)
+    for part in (0.5, 1.0):  # the small ones say it well enough for the large ones
+        some = order[: max(int(part * order.size), FEW_STEPS)]
+        whole = np.maximum(np.round(some / one), 1.0)
+        if np.max(np.abs(some - whole * one)) > OFF * one:
+            return 0.0
+        one = float(some @ whole) / float(whole @ whole)
+    return one
 
 
 def jumps(t: FloatArray, q: FloatArray) -> Jumps:
