@@ -161,6 +161,7 @@ def _concluded(
     if joints := search.reformed(search.found):
         search.forward(joints)
     named = exchange(search)
+    search.blunted()
     renew(search.now.result)
     progress.at("judge the names", 0.33)
     out = judged(search, named, _last(search))

@@ -39,7 +39,7 @@ from hil.identify.design import Term, prefix, replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.shape_search import together
+from hil.identify.shape_search import bluntest, together
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -317,7 +317,8 @@ class Search:
                 [t for t in terms.values() if t.joint == c.joint and Trait.DRY in t.effect.traits],
             )
             forms = {s[1:] for s in self.problem.grid(own, c.term.joint)}
-            if term is None or not dry or own.scope.whole or len(forms) < 2:
+            sized = bool(own.shape) and own.shape[0].size
+            if term is None or not dry or not sized or own.scope.whole or len(forms) < 2:
                 continue
             renew(now.result)
             found = together(self.problem, now.result.terms, now.result.sigma, term, dry[0])
@@ -335,6 +336,29 @@ class Search:
             self.rungs[-1], self._tried = rung, None
             changed.append(c.joint)
         return changed
+
+    def blunted(self) -> None:
+        """Signs as blunt as the fitted runs allow, once nothing pays any more.
+
+        The search takes sharp ones, for a blunt sign imitates what is missing.  Strokes with rests
+        say no more than how blunt it may be; bristles turn real friction less sharply than that.
+        """
+        now, problem = self.now, self.problem
+        colour = self.first.floor.inflation if self.first else np.ones(problem.d)
+        renew(now.result)
+        found = bluntest(now.result, problem.count / colour)
+        if not found:
+            return
+        before = dict(problem.least)
+        problem.least.update(found)
+        rung = self.rung(now.step.label, now.result.model, now.result.sigma)
+        if _missed(rung.errors, now.errors, self._moves):
+            problem.least.clear()
+            problem.least.update(before)
+            renew(now.result)
+            return
+        rung.added = now.added
+        self.rungs[-1], self._tried = rung, None
 
     def settle(self, corrections: int) -> bool:
         """Whether the model without its last corrections does better than it did before them.

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
+from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
-from hil.models.effect import Waves, alone
+from hil.models.effect import Trait, Waves, alone
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -215,6 +216,47 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
         if projector.gain(term.reshaped(shape)) >= least:
             return term.reshaped(shape)
     return term
+
+
+#: Ratio of one resolution of the sign to the next that is tried, and fall of twice the logarithm of
+#: the likelihood within which one is as good as another: one standard error.
+BLUNTER, AS_GOOD = 1.25, 1.0
+
+
+def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], float]:
+    """The bluntest resolution of the sign that is as likely as any, by (``"coulomb"``, joint).
+
+    With N independent instants, N log(left / least) < 1 of the squared error.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    count : ndarray (d,)
+        Independent instants of each joint.
+
+    Returns
+    -------
+    dict
+        Of joints where it is blunter than what the fit has.
+    """
+    problem, out = result.problem, dict[tuple[str, int], float]()
+    for t in result.terms:
+        if Trait.DRY not in t.effect.traits or t.fixed_shape or problem.holds[t.joint]:
+            continue
+        others = [x for x in result.terms if x is not t]
+        projector, v0 = Projector(problem, others, result.sigma), float(t.shape[0])
+        (most,) = problem.grid(t.effect, t.joint)[-1]
+        tries = int(np.log(max(most / v0, 1.0)) / np.log(BLUNTER)) + 1
+        values = [v0 * BLUNTER**k for k in range(tries)]
+        with problem.aside():
+            gains = [projector.gain(t.reshaped((x, *t.shape[1:]))) for x in values]
+        rest = np.maximum([left(projector, t, g) for g in gains], 1e-300)
+        good = count[t.joint] * np.log(rest / rest.min()) < AS_GOOD
+        last = values[int(np.flatnonzero(good)[-1])]
+        if last > v0:
+            out[t.key] = last
+    return out
 
 
 def searched(
