@@ -27,7 +27,7 @@ from hil.identify.multistep import MultiStep, both, each
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
-from hil.identify.timing import fit_aligned
+from hil.identify.timing import fit_aligned, fit_as_stated
 from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.model import Range, RobotModel, Use, as_model
@@ -131,7 +131,7 @@ def fit(recordings: Runs, model: RobotModel) -> FitResult:
     """
     recordings, model = as_runs(recordings, "hil.fit"), as_model(model, "hil.fit")
     progress.at("fit", 0.0)
-    result = complete(fit_problem(make_problem(recordings, model), model))
+    result = complete(fit_as_stated(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
     notes = _undescribed(result.problem) + other_robot(model, recordings) + contradicted(result)
     return replace(result, warnings=notes + beyond)

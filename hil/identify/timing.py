@@ -342,19 +342,29 @@ def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, 
     return middle, float(max(1.0, chi) / np.sqrt(np.sum(1.0 / error**2)))
 
 
-def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
-    """Fit, align the effort, fit again; leaves the problem aligned.
+def fit_as_stated(
+    problem: Problem, model: RobotModel, scale: FloatArray | None = None
+) -> FitResult:
+    """Fit with the alignment that the model or the recording states, and no other one.
 
-    Within one sample, and beyond it where efforts are late and the error falls with it: how a
-    recording was made, which the first model that is fitted to it decides.  `scale` as in `fit`.
+    `scale` as in `fit`.
     """
     given = problem.given_shift
     stated = problem.given_lag if problem.given_lag.lag else problem.alignment
     stated = replace(stated, shift=problem.shift if given is None else given)
     if stated != problem.alignment:
         problem.align_effort(stated)
-    result = fit(problem, model, scale=scale)
-    if given is not None or problem.aligned:
+    return fit(problem, model, scale=scale)
+
+
+def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = None) -> FitResult:
+    """Fit, align the effort, fit again; leaves the problem aligned.
+
+    Within one sample, and beyond it where efforts are late and the error falls with it: how a
+    recording was made, which the first model that is fitted to it decides.  `scale` as in `fit`.
+    """
+    result = fit_as_stated(problem, model, scale)
+    if problem.given_shift is not None or problem.aligned:
         return result
     start, at_first, longest = problem.alignment, result.relative, longest_shift(problem)
     ask = not problem.asked_late and not start.lag and model.explains == "motor"

@@ -32,7 +32,7 @@ SHAPES = {
     "cogging": (5.3,),
     "backlash": (1e-2, 0.0, 0.01),
     "torque-ripple": (5.3,),
-    "load-friction": (0.0,),
+    "load-friction": (0.0, 0.0),
     "stribeck": (0.12, 2.0),
     "coulomb": (0.02,),
 }

@@ -19,7 +19,7 @@ CASES = [
     ("cogging", (2.0,), ()),
     ("stribeck", (0.1, 2.0), ("v0",)),
     ("coulomb", (0.01,), ()),
-    ("load-friction", (0.0,), ("v0", "load")),
+    ("load-friction", (0.0, 0.0), ("v0", "load")),
     ("delay", (0.01,), ("effort",)),
 ]
 
@@ -72,7 +72,7 @@ def test_only_what_was_looked_at_counts(
 def test_what_was_looked_at_has_one_order(problem: Problem) -> None:
     """Sets of names have none: the same fields may be met in another one."""
     effect = catalogue.get("load-friction")
-    orders = {watched(effect, [m], 1, (0.0,))[1] for m in problem.motions for _ in range(3)}
+    orders = {watched(effect, [m], 1, (0.0, 0.0))[1] for m in problem.motions for _ in range(3)}
     assert orders == {tuple(sorted(seen, key=str)) for seen in orders} and len(orders) == 1
 
 

@@ -12,7 +12,7 @@ from hil.models.robots import IndependentAxes
 #: Effect -> shape and coefficients that no machine has.
 IMPOSSIBLE = {
     "stribeck": ((0.1, 1.0), (-0.2,)),
-    "load-friction": ((0.0,), (-0.1,)),
+    "load-friction": ((0.0, 0.0), (-0.1,)),
     "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
     "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
     "presliding": ((0.01, 0.0), (1.0, -0.5, 0.2, 0.1)),

@@ -143,8 +143,8 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * x for x in waves(m.q[i, j], s[0])],
     ),
     "load-friction": (
-        (0.0,),
-        lambda m, i, j, s: [abs(m.load[i, j]) * tanh(m.qd[i, j] / V0[j])],
+        (0.0, 0.4),
+        lambda m, i, j, s: [abs(m.load[i, j] - s[1] * m.qdd[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
     "presliding": ((0.3, 1.0, 0.04, 0.0), dahl),
@@ -216,7 +216,7 @@ def test_a_turn_and_a_slide_are_coupled_at_the_ratio_of_their_speeds() -> None:
 
 def test_load_friction_of_the_static_load_alone() -> None:
     motion = motion_of(IndependentAxes(("a", "b")))
-    got = catalogue.get("load-friction").columns(motion, 1, (1.0,))[:, 0]
+    got = catalogue.get("load-friction").columns(motion, 1, (1.0, 0.0))[:, 0]
     expected = np.abs(motion.static[:, 1]) * np.tanh(motion.qd[:, 1] / 0.05)
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
