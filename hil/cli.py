@@ -159,7 +159,9 @@ def user_files() -> set[str]:
     names = {name for name in sys.modules if name.startswith("hil_plugin_")}
     if "hil.models.effect" in sys.modules:
         kinds = _below(sys.modules["hil.models.effect"].Effect)
-        names |= {k.__module__ for k in kinds if not k.__module__.startswith(_OWN)}
+        made = {k.__module__ for k in kinds if not k.__module__.startswith(_OWN)}
+        # a class that the program makes while it runs is said to be of the library that makes it
+        names |= {name for name in made if name.split(".")[0] not in sys.stdlib_module_names}
     found = (getattr(sys.modules.get(name), "__file__", None) for name in names)
     return {file for file in found if file}
 

@@ -91,8 +91,8 @@ class Payload(Effect):
     """A body on a link, in some runs and not in others.
 
     Within one run the links' own inertias contain it, and a mass at the tip is all that is tried.
-    Of several runs the difference to the first one is fitted, negative where that one carried the
-    body.  Parameters are in axes of the link, about the tip on the link that holds it, else about
+    Of several runs the difference to the first one is fitted, and the lightest one comes first.
+    Parameters are in axes of the link, about the tip on the link that holds it, else about
     the joint's frame.
     """
 

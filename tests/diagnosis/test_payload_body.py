@@ -103,11 +103,15 @@ def test_an_offset_of_a_held_out_run_s_own_is_said() -> None:
     assert "held-out-values" in [code for code, _ in after.step.result.warnings]
 
 
-def test_the_first_run_may_be_the_loaded_one() -> None:
+def test_the_run_that_carries_a_body_has_it_where_it_comes_first() -> None:
+    """It was minus four kilograms on the empty run, and the model of all others carried it."""
     runs = [plants.serial_arm(2, k, link, axes=PITCH, seconds=12.0) for k, link in ((2, 2), (1, 0))]
-    assert values(hil.diagnose(runs, base_model(runs[0].robot)))["m"] == pytest.approx(
-        -plants.BODY, 0.05
-    )
+    answer = hil.diagnose(runs, base_model(runs[0].robot))
+    assert values(answer)["m"] == pytest.approx(plants.BODY, rel=0.05)
+    assert f"payload.m[{runs[0].name}]" in answer.findings[0].parameters
+    empty = plants.serial_arm(2, 5, axes=PITCH, seconds=12.0)
+    model = answer.ladder[-1].result.model.as_it_is()
+    assert np.all(hil.fit(empty, model).relative < 2 * answer.ladder[-1].result.relative)
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
