@@ -25,6 +25,7 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
 from hil.models.effect import Trait, Waves, alone
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -148,17 +149,21 @@ def together(
     others = [t for t in terms if t.key not in (term.key, dry.key)]
     pair = _Pair(problem, Projector(problem, others, sigma), term, dry)
     now = pair.gains(dry.shape[0], [term.shape])[0]
-    grid, signs = grid_of(problem, term), [s[0] for s in grid_of(problem, dry)]
-    table = np.array([pair.gains(v0, grid) for v0 in signs])
-    best, forms = (now, dry.shape[0], term.shape), dict.fromkeys(s[1:] for s in grid)
-    for form in forms:
-        own = [k for k, s in enumerate(grid) if s[1:] == form]
-        at, k = np.unravel_index(np.argmax(table[:, own]), (len(signs), len(own)))
-        best = max(best, pair.climbed(signs[int(at)], grid[own[int(k)]]))
+    best, tops = (now, dry.shape[0], term.shape), dict[tuple[float, ...], _Top]()
+    for (v0,) in grid_of(problem, dry):
+        grid = pair.grid(v0)
+        for shape, gain in zip(grid, pair.gains(v0, grid), strict=True):
+            tops[shape[1:]] = max(tops.get(shape[1:], (0.0, v0, shape)), (gain, v0, shape))
+    for _, v0, shape in tops.values():
+        best = max(best, pair.climbed(v0, shape))
     least = pair.projector.rss - best[0]
     if pair.projector.rss - now <= CLOSE * least:
         return None
     return term.reshaped(best[2]), dry.reshaped((best[1],))
+
+
+#: Gain, resolution of the sign, shape.
+_Top = tuple[float, float, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -170,11 +175,20 @@ class _Pair:
     term: Term
     dry: Term
 
+    def _motions(self, v0: float) -> list[Motion]:
+        """The motions with the sign resolved to v0."""
+        every = np.where(
+            np.arange(self.problem.d) == self.term.joint, v0, self.problem.motions[0].v0
+        )
+        return [m.with_(v0=every) for m in self.problem.motions]
+
+    def grid(self, v0: float) -> list[tuple[float, ...]]:
+        """Shapes that the term may have beside a sign resolved to v0."""
+        return self.term.effect.search.grid(self._motions(v0)[0], self.term.joint)
+
     def gains(self, v0: float, shapes: Sequence[tuple[float, ...]]) -> list[float]:
         """Gain of both with the sign resolved to v0, for some shapes of the term."""
-        problem, j = self.problem, self.term.joint
-        every = np.where(np.arange(problem.d) == j, v0, problem.motions[0].v0)
-        motions = [m.with_(v0=every) for m in problem.motions]
+        problem, j, motions = self.problem, self.term.joint, self._motions(v0)
         laws = [(self.dry.effect, (v0,)), *((self.term.effect, s) for s in shapes)]
         raw = [[e.columns(m, j, s) for e, s in laws] for m in motions]
         edges = np.cumsum([x.shape[1] for x in raw[0]])[:-1]
@@ -185,12 +199,19 @@ class _Pair:
     def climbed(
         self, v0: float, shape: tuple[float, ...]
     ) -> tuple[float, float, tuple[float, ...]]:
-        """Gain, resolution and shape at the summit next to a pair."""
+        """Gain, resolution and shape at the summit next to a pair, within both their grids.
+
+        Beside a sign that turns more slowly than the law itself, the two are but a curve that
+        follows what a filter leaves of reversals.
+        """
         start = np.log([v0, shape[0]])
+        signs = [s[0] for s in grid_of(self.problem, self.dry)]
 
         def loss(x: FloatArray) -> float:
-            one, first = np.exp(x)
-            return -self.gains(float(one), [(float(first), *shape[1:])])[0]
+            one, first = (float(value) for value in np.exp(x))
+            own = line_of(self.grid(one), (first, *shape[1:]))
+            inside = signs[0] <= one <= signs[-1] and own[0] <= first <= own[-1]
+            return -self.gains(one, [(first, *shape[1:])])[0] if inside else 0.0
 
         simplex = start + np.array([[0.0, 0.0], [LITTLE, 0.0], [0.0, LITTLE]])
         found = scipy.optimize.minimize(

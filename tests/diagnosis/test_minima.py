@@ -49,6 +49,18 @@ def test_the_exponent_of_a_stribeck_curve_is_sought_with_the_resolution_of_the_s
     assert {f.effect for f in d.findings} == {"unbalance", "cogging", "stribeck"}
 
 
+def test_a_curve_does_not_follow_what_a_filter_leaves_of_reversals():
+    """A slow sign with a steep long tail left less than the truth: 6.6 for 0.15 N m."""
+
+    def peak(t, q, v, a):
+        return 0.15 * np.exp(-((v / 0.4) ** 2)) * np.tanh(v / 0.02)
+
+    values = found(diagnosed(plants.smooth_axis(2, 20.0, 250.0, peak)), "stribeck").parameters
+    assert values["j1.stribeck.n"].value == 2.0
+    assert values["j1.stribeck.fs"].value == pytest.approx(0.15, rel=0.05)
+    assert values["j1.stribeck.vs"].value == pytest.approx(0.4, rel=0.05)
+
+
 def test_friction_that_builds_up_is_no_lateness():
     """Bristles bend over half a millimetre: 30 ms of lateness were undone, and a delay named."""
     rate = 500.0
