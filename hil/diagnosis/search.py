@@ -344,6 +344,8 @@ class Search:
         say no more than how blunt it may be; bristles turn real friction less sharply than that.
         """
         now, problem = self.now, self.problem
+        if self.examine.kind == "holdout":  # they have said how blunt
+            return
         colour = self.first.floor.inflation if self.first else np.ones(problem.d)
         renew(now.result)
         found = bluntest(now.result, problem.count / colour)

@@ -109,14 +109,13 @@ class _WholeRate(_Rate):
 
 
 class _OtherFriction(Effect):
-    """What another law of friction adds: another turn, a bent curve, bristles before it slides."""
+    """What another law of friction adds: a turn before the speed's or after it, a bent curve."""
 
     name, family = "other-friction", "friction"
     doc = Doc(
         "tau = c (tanh((v + T a) / v0) - tanh(v / v0)) + s tanh(v / v0) exp(-|v| / vs) + d v |v|"
-        " + sum_k f_k z_k,  z_k <- clip(z_k + dq / w_k, -1, 1),  T = 5 ms, vs a tenth of the rms "
-        "speed, w_k a thousandth to three hundredths of the range",
-        "friction that leads the speed, lags it, is larger at low speed, or grows with its square",
+        ",  T = 5 ms, vs a tenth of the rms speed",
+        "friction that leads the speed, is larger at low speed, or grows with its square",
         "reversals, and strokes at several speeds",
         "Taylor's series; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994",
     )
@@ -124,20 +123,36 @@ class _OtherFriction(Effect):
         Param("c", "{F}", "friction that turns early"),
         Param("s", "{F}", "friction at low speed"),
         Param("d", "{F}", "drag at the rms speed"),
-        *(Param(f"f{k + 1}", "{F}", "friction that builds up") for k in range(len(SLIPS))),
     )
     traits = Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """A sign that turns early less the sign, two curves over the speed, and bristles."""
+        """A sign that turns early less the sign, and two curves over the speed."""
         v, a, v0 = motion.qd[:, j], motion.qdd[:, j], float(motion.resolution[j])
         sign, size = motion.sign_of(v, a, v0), max(float(np.sqrt(np.mean(v**2))), 1e-300)
         turn = motion.sign_of(v + TURN * a, a, v0) - sign
         low = sign * np.exp(-np.abs(v) / (LOW_SPEED * size))
-        low_q, high_q = motion.span[j]
-        q, length = np.ascontiguousarray(motion.q[:, j]), max(float(high_q - low_q), 1e-9)
-        bristles = [slip_state(q, length * share) for share in SLIPS]
-        return np.stack([turn, low, v * np.abs(v) / size**2, *bristles], axis=1)
+        return np.stack([turn, low, v / size * np.abs(v / size)], axis=1)
+
+
+class _Bristles(Effect):
+    """Friction that builds up over a displacement, of several widths."""
+
+    name, family = "bristles", "friction"
+    doc = Doc(
+        "tau = sum_k f_k z_k,  z_k <- clip(z_k + dq / w_k, -1, 1)",
+        "friction that lags the speed",
+        "reversals",
+        "Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50(11), 2005",
+    )
+    params = tuple(Param(f"f{k + 1}", "{F}", "friction that builds up") for k in range(len(SLIPS)))
+    traits = Trait.GIVEN
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """States of elements that slip."""
+        low, high = motion.span[j]
+        q, length = np.ascontiguousarray(motion.q[:, j]), max(float(high - low), 1e-9)
+        return np.stack([slip_state(q, length * share) for share in SLIPS], axis=1)
 
 
 def longest_shift(problem: Problem) -> float:
@@ -368,17 +383,40 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
         return result
     start, at_first, longest = problem.alignment, result.relative, longest_shift(problem)
     ask = not problem.asked_late and not start.lag and model.explains == "motor"
+    slack = None
     if ask:
         problem.asked_late = True
+        slack = _free(result, bristles=True)
         result = _taken_earlier(problem, model, result, scale)
     result = _in_time(problem, model, result, scale)
     if ask and problem.shift < -longest:
         result = _filter_undone(problem, model, result, scale)
     late = problem.alignment.late > longest >= start.late
-    if late and _ratio(result, at_first) > 1 - LESS:
+    built_up = late and slack is not None and bool(np.mean(np.log(_free(result) / slack)) > 0.0)
+    if built_up or (late and _ratio(result, at_first) > 1 - LESS):
+        # what bends before it slides looks late, and leaves less where nothing is shifted
         problem.align_effort(start)
         return fit(problem, model, scale=scale)
     return result
+
+
+def _free(result: FitResult, bristles: bool = False) -> FloatArray:
+    """Relative error of each moving joint with all coefficients of its own.
+
+    `bristles`: beside friction that builds up, and that is bent over the speed.
+    """
+    problem, out = result.problem, []
+    for j in np.flatnonzero(~problem.holds).tolist():
+        x = result.x.reshape(problem.d, problem.n, -1)[j]
+        own = x[:, np.any(x != 0, axis=0)]
+        if bristles:
+            more = [block(problem, Term(e, j)) for e in (_Bristles(), _OtherFriction())]
+            own = np.concatenate([own, *more], axis=1)
+        q = scipy.linalg.qr(own, mode="economic")[0]
+        y = problem.y[j]
+        size = max(float(np.linalg.norm(problem.effort[j])), 1e-300)
+        out.append(max(float(np.linalg.norm(y - q @ (q.T @ y))) / size, 1e-12))
+    return np.array(out)
 
 
 def _in_time(

@@ -55,9 +55,9 @@ def _column(values: FloatArray) -> FloatArray:
 
 
 def _coulomb_grid(motion: Motion, j: int) -> Shapes:
-    """From the velocity resolution up to a third of the typical speed."""
+    """From the velocity resolution up to a tenth of the typical speed."""
     low = float(motion.resolution[j])
-    return log_grid(low, max(typical_speed(motion, j) / 3, 1.01 * low), 9)
+    return log_grid(low, max(0.1 * typical_speed(motion, j), 1.01 * low), 7)
 
 
 class Coulomb(Effect):
@@ -75,7 +75,7 @@ class Coulomb(Effect):
     )
     params = (Param("fc", "{F}", "Coulomb friction", 0.0),)
     shape = (Param("v0", "{x}/s", "speed over which the sign is resolved", 0.0),)
-    search = Grid(_coulomb_grid, sharpest=True, at_resolution=True, rounds=1)
+    search = Grid(_coulomb_grid, sharpest=True, at_resolution=True)
     traits = Trait.GIVEN | Trait.DRY
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -137,7 +137,7 @@ class Stribeck(Effect):
             codes=((2.0, "Gaussian"), (1.0, "exponential"), (0.5, "long tail")),
         ),
     )
-    search = Grid(_stribeck_grid, rounds=2)
+    search = Grid(_stribeck_grid)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """exp(-|v / vs|^n) tanh(v / v0)."""

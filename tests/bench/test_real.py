@@ -61,6 +61,8 @@ KNOWN = {
 def test_person_on_recordings(name, monkeypatch):
     # the published figures are of rows among which a joint that creeps while it sticks still moves
     monkeypatch.setattr("hil.identify.standstill.CREEP", 0.0)
+    # and whose counts are not seen in tables of rounded numbers
+    monkeypatch.setattr("hil.record.jumps._multiples", lambda steps: 0.0)
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
     found = least_squares_script.run(train, hold, train[0].robot)
     given, final, joints = KNOWN[name]

@@ -7,7 +7,6 @@ import pytest
 import hil
 from hil.identify.shape_search import bluntest
 from hil.models import catalogue
-from hil.models.friction import Coulomb
 from hil.models.model import RobotModel
 
 
@@ -150,21 +149,6 @@ def test_strokes_with_rests_leave_the_sign_as_blunt_as_they_allow():
     assert value == pytest.approx(0.01, rel=0.5)
     again = bluntest(d.ladder[-1].result, d.ladder[-1].result.problem.count)
     assert again.get(("coulomb", 0), value) < 2 * value
-
-
-def test_a_sign_may_turn_over_a_third_of_the_speed():
-    """A lubricated slide turns its friction over a sixth of its rms speed."""
-
-    def smooth(q, v, a):
-        return 0.05 * a + 0.3 * np.tanh(v / (0.16 * np.std(v))) + 0.1 * v
-
-    run = axis(smooth, 6)
-    d = diagnosed(run)
-    assert d.verdict == "adequate"
-    turn = d.ladder[-1].result.values["j1.coulomb.v0"].value
-    first = d.ladder[0].result.problem.motions[0]
-    assert turn == pytest.approx(0.16 * np.std(first.qd[:, 0]), rel=0.2)
-    assert Coulomb.search.grid(first, 0)[-1][0] > 0.3 * np.std(first.qd[:, 0])
 
 
 def test_counts_in_a_table_with_rounded_numbers_are_counts():
