@@ -121,6 +121,24 @@ def diagnose(
     errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
     if errors:
         return Diagnosis("bad-data", warnings=errors)
+    out = _diagnosed(recordings, model, held, seed, faults)
+    lightest = _lightest(out)
+    if lightest:
+        progress.at("another run is the lightest: seek again", 0.1)
+        others = [r for k, r in enumerate(recordings) if k != lightest]
+        # once: where two runs carry as much, either may seem the lighter one
+        return _diagnosed([recordings[lightest], *others], model, held, seed, faults)
+    return out
+
+
+def _diagnosed(
+    recordings: list[Recording],
+    model: RobotModel,
+    held: list[Recording],
+    seed: int,
+    faults: list[DataFault],
+) -> Diagnosis:
+    """The same of runs without a fault, in the order in which they are given."""
     progress.at("fit the given model", 0.0)
     problem = of_model(recordings, model)
     result = fit_aligned(problem, model)
@@ -144,13 +162,7 @@ def diagnose(
         search = _begun(fit_aligned(problem, model), folds, examine, seed)
         search.geometry()
         search.forward()
-    out = floored(_concluded(search, model, recordings, faults, doubtful))
-    lightest = _lightest(out)
-    if lightest:
-        progress.at("another run is the lightest: seek again", 0.1)
-        others = [r for k, r in enumerate(recordings) if k != lightest]
-        return diagnose([recordings[lightest], *others], model, holdout, seed)
-    return out
+    return floored(_concluded(search, model, recordings, faults, doubtful))
 
 
 def _lightest(out: Diagnosis) -> int:
@@ -158,8 +170,10 @@ def _lightest(out: Diagnosis) -> int:
 
     A body is something that is there: the run without it is the one that a description is of.
     """
-    result = out.ladder[-1].result
     named = {f.effect for f in out.findings}
+    if not named:
+        return 0
+    result = out.ladder[-1].result
     for t, where in zip(result.terms, result.slices, strict=True):
         e = t.effect
         if t.per_run and e.variation.relative and e.family == "mass" and e.name in named:

@@ -318,7 +318,7 @@ def recorded_late(result: FitResult) -> float:
 def _left(result: FitResult, j: int, shift: float) -> float:
     """Norm of what the model leaves of joint j's slow effort when its motor's is shifted.
 
-    Beside another law of friction: bristles that bend before they slide look late, too.
+    Beside another law of friction, which looks late where the model's own is of another form.
     """
     problem = result.problem
     key = ("slow basis", j)
