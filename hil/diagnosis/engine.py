@@ -187,10 +187,12 @@ def _concluded(
     recordings: list[Recording],
     faults: list[DataFault],
     doubtful: list[tuple[str, str]],
+    again: bool = True,
 ) -> Diagnosis:
     """The diagnosis of what was found, with corrections for the rest.
 
-    Once more if corrections have led the fit out of a local minimum, and are not needed there.
+    Once more, where that may be, if corrections have led the fit out of a local minimum and are not
+    needed there.
     """
     progress.at("compare with rivals", 0.2)
     if joints := search.reformed(search.found):
@@ -206,8 +208,9 @@ def _concluded(
         return finish(_unnamed(out, search), search.examine, model, recordings, faults)
     finish(out, search.examine, model, recordings, faults)
     corrected(out, search)
-    if out.corrected and search.settle(out.corrected):
-        return _concluded(search, model, recordings, faults, doubtful)
+    if again and out.corrected and search.settle(out.corrected):
+        # once: a blunter sign may lead the fit back into the minimum that it has left
+        return _concluded(search, model, recordings, faults, doubtful, again=False)
     return separate(out, search, named)
 
 

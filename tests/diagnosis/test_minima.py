@@ -5,6 +5,7 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis.search import Search
 from hil.identify.shape_search import bluntest
 from hil.models import catalogue
 from hil.models.model import RobotModel
@@ -184,3 +185,13 @@ def test_the_number_of_a_joint_is_no_size_to_climb():
     """Its logarithm led from joint 2 of 4 to joint 5."""
     assert not catalogue.get("coupled-friction").shape[0].size
     assert catalogue.get("stribeck").shape[0].size
+
+
+def test_a_fit_is_led_out_of_a_local_minimum_once(monkeypatch):
+    """A blunter sign may lead it back into the one that corrections have led it out of."""
+    asked = []
+    monkeypatch.setattr(Search, "settle", lambda search, corrections: asked.append(1) or True)
+    monkeypatch.setattr(Search, "correct", lambda search, joints: [search.now])
+    answer = diagnosed(axis(lambda q, v, a: 0.3 * a + 0.4 * v + np.sin(3 * q) * v, 3, seconds=12.0))
+    assert len(asked) == 1
+    assert answer.ladder
