@@ -1,0 +1,434 @@
+"""Whether the columns of a table can be what its map says: one time, whole rows, known units.
+
+What cannot be mended is refused, and each refusal says what to do.  What is read from a name, a
+size or a wrap and not from the map is said in a sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import DataError, plural
+from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
+from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
+from hil.record.mapfile import Rule, TableMap
+from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
+from hil.record.schema import LAST_S
+from hil.record.table_files import ForeignTable
+from hil.record.units import FACTORS, epoch_unit, stem_of, time_unit
+from hil.record.urdf_joints import UrdfJoint
+
+FloatArray = NDArray[np.float64]
+#: A step of so many median periods is a jump.
+JUMP = 10.0
+#: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
+LONG_PERIOD = 0.05
+#: Rounding of times and drift of a clock that make no period longer, relative.
+ROUNDED = 0.02
+#: A median period [s] from which the time hardly is in seconds.
+NO_SECONDS = 0.5
+#: No shorter median period [s] is one of a rig: filters and grids would take any memory.
+SHORT_PERIOD = 1e-6
+#: A day [s].
+DAY = 86400.0
+#: A shorter period of a time since 1970 [s] says that it is none.
+FASTEST = 1e-5
+#: A longer stretch of missing values is no line [rows].
+_BRIDGED = 10
+
+
+def on_one_time(
+    rules: Mapping[str, Rule], table: ForeignTable, values: dict[str, FloatArray]
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Columns that were logged at times of their own, interpolated at those that `t` is read from.
+
+    Only while all of them were logged.
+
+    Raises
+    ------
+    DataError
+        If a column has no increasing time of its own for each of its samples.
+    """
+    base = next(iter(rules["t"].terms), "") if "t" in rules else ""
+    others = {n: table.times[n] for n in values if table.times.get(n, base) != base}
+    if base not in values or not others:
+        return values, []
+    read = table.columns(list(dict.fromkeys(others.values())))
+    t, moved, inside = values[base], [], np.ones(values[base].size, dtype=np.bool_)
+    out = dict(values)
+    for name, own in others.items():
+        at = read[own]
+        if at.size != values[name].size or at.size < 2 or np.any(np.diff(at) < 0):
+            raise DataError(
+                f"table {table.path}: {own!r} is not the increasing time of each sample of {name!r}"
+            )
+        if at.size == t.size and np.array_equal(at, t):
+            continue
+        out[name] = np.interp(t, at, values[name])
+        inside &= (t >= at[0]) & (t <= at[-1])
+        moved.append(name)
+    if moved and all(v.size == t.size for v in out.values()):
+        out = {n: v[inside] for n, v in out.items()}
+    text = f"{', '.join(moved)}: interpolated at the times of {base}"
+    lost = plural(int(np.sum(~inside)), "sample")
+    text += f"; {lost} left out that not all of them span" if not inside.all() else ""
+    return out, [text] if moved else []
+
+
+def in_seconds(
+    rules: Mapping[str, Rule], columns: Mapping[str, FloatArray]
+) -> tuple[Mapping[str, Rule], list[str]]:
+    """Rules with the unit of the time that its name or its size says, where none was given."""
+    rule = rules.get("t", Rule({}))
+    if list(rule.terms.values()) != [1.0] or rule.shift:
+        return rules, []
+    name = next(iter(rule.terms))
+    values = columns[name][np.isfinite(columns[name])]
+    first = float(values[0]) if values.size else 0.0
+    step = float(np.median(np.abs(np.diff(values)))) if values.size > 1 else 0.0
+    epoch = epoch_unit(first)
+    if epoch and not FASTEST <= step * FACTORS["t"][epoch] <= LONG_PERIOD:
+        return rules, []  # it only looks like a date
+    unit = epoch or time_unit(name) or "s"
+    if unit == "s" and not epoch:
+        return rules, []
+    factor = FACTORS["t"][unit]
+    text = f"the time {name!r} is in {unit}"
+    if epoch:
+        begin = datetime.fromtimestamp(first * factor, UTC)
+        dates = ", or dates (UTC where they say no zone)" if unit == "s" else ""
+        text += f" since 1970{dates}; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
+    return {**rules, "t": Rule({name: factor})}, [text]
+
+
+def whole_rows(
+    table: ForeignTable,
+    rules: Mapping[str, Rule],
+    values: Mapping[str, FloatArray],
+    given: TableMap,
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Values of the rows that a fit can use, and what is said of the others.
+
+    Parameters
+    ----------
+    table : ForeignTable
+        For messages.
+    rules, values : mapping
+        By target column, with the time [s] as `t`.
+    given : TableMap
+        The map, which says what to do with missing values, repeated times and gaps.
+
+    Raises
+    ------
+    DataError
+        If values are missing and the map does not say what to do, or the time runs backward,
+        repeats, jumps or is not in seconds.
+    """
+    notes: list[str] = []
+    out = dict(values)
+    if given.missing == "refuse":
+        _refuse_not_finite(table, rules, out)
+    else:
+        out, text = _mended(out, given.missing)
+        notes += [text] if text else []
+    keep = _clean_time(table, out["t"], given.gaps, given.repeated)
+    return {k: v[keep] for k, v in out.items()}, notes
+
+
+def _refuse_not_finite(
+    table: ForeignTable, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
+) -> None:
+    """Refuse NaN and infinite values, naming the column, how many and which rows first."""
+    for target, column in values.items():
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            source = ", ".join(rules[target].terms) if target in rules else target
+            first = ", ".join(str(table.first_row + k) for k in bad[:5])
+            some = f"rows {first}, ..." if bad.size > 5 else f"rows {first}"
+            where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
+            raise DataError(
+                f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
+                f"values of {column.size}, in {where}; cut or repair {these}, or say what to do "
+                'with such rows: missing = "drop" or "interpolate" in [table] of a map, or '
+                f"{table.option('missing', 'drop')} or interpolate"
+            )
+
+
+def _mended(values: Mapping[str, FloatArray], how: str) -> tuple[dict[str, FloatArray], str]:
+    """Rows that are whole, short gaps filled where that is wanted, and what was done."""
+    out = {name: np.where(np.isfinite(v), v, np.nan) for name, v in values.items()}
+    t = out.get("t", np.arange(next(iter(out.values())).size, dtype=float))
+    filled = sum(_bridge(t, v) for v in out.values() if v is not t) if how == "interpolate" else 0
+    whole = np.logical_and.reduce([~np.isnan(v) for v in out.values()])
+    said = [f"{plural(filled, 'missing value')} interpolated"] if filled else []
+    lost = int(np.sum(~whole))
+    said += [f"{plural(lost, 'row')} with missing values left out"] if lost else []
+    return {name: v[whole] for name, v in out.items()}, "; ".join(said)
+
+
+def _bridge(t: FloatArray, v: FloatArray) -> int:
+    """Fill the short stretches of missing values of a column in place; how many."""
+    good = ~np.isnan(t) & ~np.isnan(v)
+    at, bad = np.flatnonzero(good), np.flatnonzero(~np.isnan(t) & ~good)
+    after = np.searchsorted(at, bad)
+    inside = (after > 0) & (after < at.size)
+    bad, after = bad[inside], after[inside]
+    bad = bad[at[after] - at[after - 1] <= _BRIDGED + 1]
+    v[bad] = np.interp(t[bad], t[at], v[at])
+    return int(bad.size)
+
+
+def _clean_time(
+    table: ForeignTable, t: FloatArray | None, gaps: str, repeated: str
+) -> NDArray[np.intp]:
+    """Rows to keep, after checking that the time increases evenly."""
+    if t is None or t.size < 2:
+        raise DataError(f"table {table.path}: {0 if t is None else t.size} samples; too few")
+    dt = np.diff(t)
+    rows = np.arange(t.size)
+    back, same = np.flatnonzero(dt < 0), np.flatnonzero(dt == 0)
+    if back.size:
+        k = int(back[0])
+        if DAY / 2 < t[k] - t[k + 1] < DAY and 0 <= t.min() and t.max() < DAY:
+            raise DataError(
+                f"table {table.path}: the time of day passes midnight in row "
+                f"{table.first_row + k + 1}; write the date before each time, or import each part "
+                "by itself"
+            )
+        raise DataError(
+            f"table {table.path}: time runs backward {back.size} times, first in row "
+            f"{table.first_row + k + 1} ({t[k]:.6g} s, then {t[k + 1]:.6g} s); "
+            "sort the rows, or import each run by itself"
+        )
+    if same.size and repeated == "refuse":
+        raise DataError(
+            f"table {table.path}: {same.size} repeated time stamps, first in row "
+            f"{table.first_row + int(same[0]) + 1} ({t[same[0]]:.6g} s); remove these rows, or say "
+            'repeated = "drop" in [table] of a map'
+        )
+    even = np.delete(rows, same + 1)
+    _refuse_steps(table, t[even], even, gaps)
+    return rows if repeated == "keep" else even
+
+
+def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
+    dt = np.diff(t)
+    if not dt.size:
+        raise DataError(f"table {table.path}: the time never changes")
+    period = float(np.median(dt))
+    if period < SHORT_PERIOD:
+        raise DataError(
+            f"table {table.path}: the time advances by {period:.4g} s a sample; no rig samples "
+            f"faster than {1 / SHORT_PERIOD:g} Hz. Scale it to seconds in a map, [columns] "
+            't = { from = "t", scale = ... }'
+        )
+    if period > LONG_PERIOD * (1 + ROUNDED):
+        scale = 'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }'
+        slow = f"{1 / LONG_PERIOD:g} Hz is the slowest that is analysed"
+        raise DataError(
+            f"table {table.path}: the time advances by {period:.4g} s a sample "
+            f"({1 / period:.3g} Hz); "
+            + (
+                f"{slow}. Record faster; if the time is in another unit, {scale}"
+                if period < NO_SECONDS
+                else f"it looks like milliseconds (or samples, microseconds): {scale}. If it "
+                f"truly is in seconds, the recording is too slow for dynamics: {slow}"
+            )
+        )
+    jumps = np.flatnonzero(dt > JUMP * period)
+    if jumps.size and gaps == "refuse":
+        k = int(jumps[0])
+        raise DataError(
+            f"table {table.path}: time jumps {jumps.size} times, first in row "
+            f"{table.first_row + int(rows[k + 1])} (from {t[k]:.6g} to {t[k + 1]:.6g} s at a "
+            f"period of {period:.4g} s); import each part by itself, or say "
+            'gaps = "keep" in [table] of a map'
+        )
+
+
+def from_zero(table: ForeignTable, recordings: Sequence[Recording]) -> list[Recording]:
+    """Shift a table that begins before 0 s as a whole; a session cannot hold earlier times.
+
+    Raises
+    ------
+    DataError
+        If it holds times that are certainly no seconds.
+    """
+    start = min(float(r.t[0]) for r in recordings)
+    if max(float(r.t[-1]) for r in recordings) >= LAST_S:
+        raise DataError(
+            f"table {table.path}: time begins at {start:.6g}; expected seconds. Scale it in a map: "
+            '[columns] t = { from = "t", scale = 0.001 }'
+        )
+    if start >= 0:
+        return list(recordings)
+    return [
+        replace(r, t=r.t - start, metadata={**r.metadata, "time_shift_s": repr(-start)})
+        for r in recordings
+    ]
+
+
+def unwrapped(
+    rules: Mapping[str, Rule], columns: Mapping[str, FloatArray]
+) -> tuple[dict[str, FloatArray], dict[str, Wraps]]:
+    """Columns (n,) in which positions that wrap are continuous, and how these wrap."""
+    out, found = dict(columns), {}
+    time = next(iter(rules["t"].terms), "") if "t" in rules else ""
+    for target, rule in rules.items():
+        sources = rule.terms.items() if stem_of(target) == "q" and rule.unwrap else ()
+        for source, weight in sources:
+            x = columns[source]
+            there = np.isfinite(x)
+            t = columns[time][there] if time else np.arange(int(there.sum()), dtype=float)
+            one = wraps(t, x[there], periods(x[there], weight)) if t.size else None
+            if one is not None:
+                found[source] = one
+                out[source] = x.copy()
+                out[source][there] = one.values
+    return out, found
+
+
+def judged_wraps(
+    table: ForeignTable, positions: Sequence[Rule], wrapped: Mapping[str, Wraps], given: TableMap
+) -> tuple[list[Rule], dict[str, str], list[str]]:
+    """Rules of positions with what their wraps say, metadata of their units, and what is said.
+
+    Parameters
+    ----------
+    table : ForeignTable
+        For messages.
+    positions : sequence of Rule
+        Where each joint's position comes from.
+    wrapped : mapping of str to Wraps
+        What `unwrapped` found, by column.
+    given : TableMap
+        The map; positions whose unit it says are not doubted.
+
+    Raises
+    ------
+    DataError
+        If the period at which a position wraps says that it is no angle in radians.
+    """
+    if not given.unit:
+        _refuse_wraps(table, positions, wrapped)
+    told = [
+        found.text(f"q{k + 1}")
+        for k, rule in enumerate(positions)
+        for source, found in wrapped.items()
+        if rule.unwrap and source in rule.terms
+    ]
+    said = {UNWRAPPED: "; ".join(told)} if told else {}
+    notes = [f"{text} (unwrap = false in its column of a map keeps it)" for text in told]
+    out = [replace(r, stated=r.stated or _turns(r, wrapped)) for r in positions]
+    said |= {UNIT_SAID: given.unit} if given.unit else {}
+    stated = " ".join(str(k + 1) for k, rule in enumerate(out) if rule.stated)
+    said |= {STATED: stated} if stated else {}
+    kept = " ".join(str(k + 1) for k, rule in enumerate(out) if not rule.unwrap)
+    said |= {AS_IS: kept} if kept else {}
+    return out, said, notes
+
+
+def _turns(rule: Rule, wrapped: Mapping[str, Wraps]) -> bool:
+    """Whether a position wraps at a turn in radians: then it is in radians."""
+    sizes = [abs(w) * wrapped[s].period for s, w in rule.terms.items() if s in wrapped]
+    return any(abs(size / TURN[0] - 1) < NEAR / 20 for size in sizes)
+
+
+def _refuse_wraps(
+    table: ForeignTable, positions: Sequence[Rule], wrapped: Mapping[str, Wraps]
+) -> None:
+    """Refuse a position that is no angle in radians, as the period says at which it wraps."""
+    for k, rule in enumerate(positions):
+        for source in rule.terms:
+            if source not in wrapped or rule.stated or rule.terms[source] != 1.0:
+                continue
+            found = wrapped[source]
+            if found.period == TURN[0]:
+                continue
+            units = {360.0: 'unit = "deg"', 1.0: 'unit = "rev"'}
+            scale = f"scale = {TURN[0] / found.period:.9g}  # if {found.name} are a turn"
+            entry = units.get(found.period, scale)
+            raise DataError(
+                f"table {table.path}: q{k + 1} wraps at {found.name}; it is not in radians. Say "
+                f'what it is in, in a map: [columns] q{k + 1} = {{ from = "{source}", '
+                f"{entry.partition('  #')[0]} }}"
+                + (f" (if {found.name} are one turn)" if "#" in entry else "")
+            )
+
+
+def refuse_units(
+    table: ForeignTable,
+    recording: Recording,
+    joints: tuple[UrdfJoint, ...],
+    rules: Sequence[Rule],
+) -> None:
+    """Refuse positions that are certainly degrees, millimetres or counts.
+
+    Parameters
+    ----------
+    table : Table
+        For messages.
+    recording : Recording
+        What was read, in the order of `joints`.
+    joints : tuple of UrdfJoint
+        Joints of the robot, if it is described.
+    rules : sequence of Rule
+        Where each joint's position came from; one whose unit was said is not doubted.
+
+    Raises
+    ------
+    DataError
+        If they are; `unit` in the map's [robot] overrules it.
+    """
+    for k, name in enumerate(recording.joints):
+        if rules[k].stated:
+            continue
+        q = recording.q[:, k]
+        joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
+        bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
+        source = next(iter(rules[k].terms), f"q{k + 1}")
+        if counts_doubt(q):
+            raise DataError(
+                f"table {table.path}: q{k + 1} ({name}) holds whole numbers only, {q.min():.6g} to "
+                f"{q.max():.6g} {joint.unit}: encoder counts? Scale them in a map: [columns] "
+                f'q{k + 1} = {{ from = "{source}", scale = ... }}, {joint.unit} by count; if they '
+                f'truly are {joint.unit}, say unit = "{joint.unit}" in its [robot] (or '
+                f"{table.option('unit', joint.unit)})"
+            )
+        if unit_doubt(q, joint, bool(joints)):
+            degrees = joint.unit == "rad"
+            what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
+            limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
+            every = (
+                f"Say {table.option('unit', 'deg')} where all are, or scale" if degrees else "Scale"
+            )
+            raise DataError(
+                f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to {q.max():.4g} "
+                f"{joint.unit}{limits}; these look like {what}. {every} them in a map: [columns] "
+                f'q{k + 1} = {{ from = "{source}", scale = {scale} }}; if they truly are '
+                f'{joint.unit}, say unit = "{joint.unit}" in its [robot] (or '
+                f"{table.option('unit', joint.unit)})"
+            )
+    for k in range(recording.d):
+        _refuse_mixed(table, recording, k)
+
+
+def _refuse_mixed(table: ForeignTable, r: Recording, k: int) -> None:
+    """Refuse a position in degrees beside a velocity in rad/s, or the other way round."""
+    if r.qd is None:
+        return
+    factor, correlation = velocity_factor(r.t, r.q[:, k], r.qd[:, k])
+    degrees = {math.pi / 180: f"q{k + 1}", 180 / math.pi: f"qd{k + 1}"}
+    for known, column in degrees.items():
+        if correlation > 0.98 and abs(factor / known - 1) < 0.05 and r.metadata["unit"] == "rad":
+            raise DataError(
+                f"table {table.path}: qd{k + 1} is {factor:.4g} times the derivative of "
+                f"q{k + 1}, so {column} is in degrees. Scale it in a map: [columns] "
+                f'{column} = {{ from = "{column}", scale = 0.0174532925199433 }}'
+            )
