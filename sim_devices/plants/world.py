@@ -8,7 +8,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.sim_devices.plants import arm, drive, friction, passive
+from hil.sim_devices.plants import arm, torques
 from hil.sim_devices.plants.layout import SINES
 
 # Gel under the tip: Hunt-Crossley with one Maxwell arm and wet lateral drag.
@@ -111,7 +111,7 @@ def substep(
     link : ndarray (3,)
         Scratch [N m].
     risen : float
-        `drive.share` of the step.
+        `torques.motor_share` of the step.
     trig : tuple
         `arm.angles` of now.
     """
@@ -121,11 +121,11 @@ def substep(
         pull = p.cable[i] * stretch
         for j in range(3):
             pull += p.cable_damping[i, j] * (x.vm[j] - x.v[j])
-        x.sm[i] = friction.direction(p, x, i, dt)
-        link[i] = pull - friction.link_side(p, x, i, dt) + passive.torque(p, x, i, dt)
+        x.sm[i] = torques.direction(p, x, i, dt)
+        link[i] = pull - torques.link_side(p, x, i, dt) + torques.passive(p, x, i, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
-        push = drive.torque_by(p, x, i, elapsed, tick, risen) - pull
-        x.vm[i] += dt * (push - friction.motor_side(p, x, i, pull)) / p.rotor[i]
+        push = torques.motor_by(p, x, i, elapsed, tick, risen) - pull
+        x.vm[i] += dt * (push - torques.motor_side(p, x, i, pull)) / p.rotor[i]
     arm.push_at(p, x, link, dt, trig)
     for i in range(3):
         x.qm[i] += dt * x.vm[i]
@@ -182,9 +182,9 @@ def run(
     link = np.zeros(3)
     for a in range(p.shape[0]):
         pa, xa, ha, ga = p[a], x[a], h[a], g[a]
-        drive.command(pa, xa, codes[a], random[a], tick)
+        torques.command(pa, xa, codes[a], random[a], tick)
         aim(ha, t)
-        risen = drive.share(pa, dt)
+        risen = torques.motor_share(pa, dt)
         for k in range(n):
             trig = arm.angles(xa)
             if k == 0 or ha.kind > 0 or ga.on > 0:
