@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from hil import terminal
-from hil.record.decode import read_fields
 from hil.record.ring import Ring
+from hil.record.schema import read_fields
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, bench_of, open_rig
 from hil.rigs import rig_path

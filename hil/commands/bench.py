@@ -9,8 +9,9 @@ from __future__ import annotations
 import argparse
 
 from hil import terminal
-from hil.commands import common, plugins
+from hil.commands import common
 from hil.commands.common import NamedFunction
+from hil.models import catalogue
 
 EXAMPLE = "hil bench diagnosis --quick"
 
@@ -96,7 +97,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run one benchmark and print its table."""
-    plugins.load_installed()
+    catalogue.load_installed()
     text, data = BENCHES[args.name].load()(args)
     if args.json:
         terminal.emit({"schema": f"hil.bench.{args.name}/1", **data})

@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from hil import outputs, terminal
-from hil.commands import plugins
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
-from hil.models.model import RobotModel, Value, base_model
-from hil.models.param_text import in_words, without_error
+from hil.models.model import RobotModel, Value, base_model, in_words, without_error
 from hil.record.bags import BagChoice
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
@@ -207,7 +205,7 @@ def load(
     paths = find(sessions if sessions is not None else args.sessions)
     others = find(getattr(args, "holdout", []))
     check_outputs(args, [*paths, *others, *([args.model] if args.model else [])])
-    plugins.load_installed()
+    catalogue.load_installed()
     note_compiling()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None

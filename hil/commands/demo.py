@@ -10,12 +10,13 @@ from pathlib import Path
 
 from hil import outputs, terminal
 from hil.bench import hidden
-from hil.commands import common, plugins
+from hil.commands import common
 from hil.commands.diagnose import short
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError
 from hil.interrupt import saying
+from hil.models import catalogue
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
@@ -48,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record, compare, diagnose, add, report, and only then reveal."""
     began = time.perf_counter()
-    plugins.load_installed()
+    catalogue.load_installed()
     say = terminal.log if args.json else terminal.out
     folder = Path(args.output)
     _check(folder)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from hil import outputs, registry, terminal
-from hil.commands import plugins
 from hil.errors import ConfigError, unknown
+from hil.models import catalogue
 from hil.report import elements as html
 from hil.report.html import written_by
 from hil.rig.check import described
@@ -276,7 +276,7 @@ def run(args: argparse.Namespace) -> int:
     """Make, judge, print, write."""
     outputs.check(args.output, ".toml", [args.rig], _is_rig, "a rig file")
     outputs.check(args.report, ".html", [args.rig], _is_report, "a design report")
-    plugins.load_installed()
+    catalogue.load_installed()
     config = load_rig(args.rig)
     if config.controller.name == COUPLING and args.design is None:
         return _judge_coupling(args, config)

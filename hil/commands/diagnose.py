@@ -27,8 +27,7 @@ from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
-from hil.models.model import Value
-from hil.models.param_text import remark
+from hil.models.model import Value, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find
 from hil.report.data import from_diagnosis

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from hil import terminal
-from hil.commands import plugins
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
@@ -30,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the catalogue or one effect."""
     from pathlib import Path
 
-    plugins.load_installed()
+    catalogue.load_installed()
     for plugin in args.plugin:
         catalogue.load_plugin(Path(plugin))
     chosen = [_named(args)] if args.name else list(catalogue.table().values())

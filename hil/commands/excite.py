@@ -11,13 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 from hil import outputs, progress, terminal
-from hil.commands import common, plugins
+from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import fourier, menu, trajectory
 from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
-from hil.excite.foresee import BAND
 from hil.excite.limits import Limits, Margin, of_robot
-from hil.excite.question import Question, Rival
+from hil.excite.question import BAND, Question, Rival
 from hil.excite.stage import Stage, explore, foreseen, stage_of
 from hil.excite.trajectory import Played, Trajectory, header, rounds
 from hil.identify.fit import fit
@@ -304,7 +303,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.csv, ".csv", given, trajectory.is_table, "a table of a motion")
     if not 5.0 <= _seconds(args) <= 600.0 or args.seed < 0:
         raise ConfigError("--seconds must be 5 to 600, --seed 0 or more")
-    plugins.load_installed()
+    catalogue.load_installed()
     model, stage = given_stage(args)
     names = tuple(dict.fromkeys(x.strip() for x in args.effects.split(",") if x.strip()))
     if not names:

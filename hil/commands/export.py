@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from hil import outputs, progress, terminal
-from hil.commands import common, plugins
+from hil.commands import common
 from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
+from hil.models import catalogue
 from hil.record.sources import find, load_sources
 from hil.userfile import write_text
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--holdout judges a refit, which needs --data; give the sessions to fit")
     kind, place = target.get(args.to), Path(args.output)
     outputs.check(place, kind.ending, [args.model, *paths, *others], _ours, "an export of hil")
-    plugins.load_installed()
+    catalogue.load_installed()
     model = common.model_file(args.model)
     arm = args.arm or model.arm or None
     runs, held = load_sources(paths, others, arm, common.bag_choice(args))

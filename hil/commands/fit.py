@@ -12,8 +12,7 @@ from hil.errors import ConfigError, plural
 from hil.identify.parallel import single_threaded
 from hil.identify.result import DESCRIBED, FitResult
 from hil.identify.simulated import SimulatedFit, SimulationErrors, refine
-from hil.models.model import Value
-from hil.models.param_text import in_words, without_error
+from hil.models.model import Value, in_words, without_error
 
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml --simulate"
 

@@ -19,8 +19,9 @@ import numpy as np
 from tqdm import tqdm
 
 from hil import outputs, terminal
-from hil.commands import common, plugins
+from hil.commands import common
 from hil.errors import ConfigError, DataError, families, plural
+from hil.models import catalogue
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
@@ -28,11 +29,11 @@ from hil.record import datasets
 from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
-from hil.record.dates import changed
 from hil.record.export import write_recordings
 from hil.record.guess import propose
 from hil.record.locked import free_joints
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
+from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
@@ -225,7 +226,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Import, write the session and, where there is none, the base model."""
-    plugins.load_installed()
+    catalogue.load_installed()
     if is_bag(args.table):
         return _bag(args)
     common.refuse_topics(args)

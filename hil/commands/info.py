@@ -21,8 +21,14 @@ from hil.commands import trust
 from hil.errors import ConfigError, DataError, plural
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
-from hil.record.dates import began
-from hil.record.mcap_read import ChannelSummary, SessionSummary, load, read_attachments, summary
+from hil.record.mcap_read import (
+    ChannelSummary,
+    SessionSummary,
+    began,
+    load,
+    read_attachments,
+    summary,
+)
 from hil.record.recording import UNWRAPPED, Recording
 from hil.record.recovery import recover
 from hil.rig import safety

@@ -12,8 +12,7 @@ from hil import progress, terminal
 from hil.errors import HilError, plural
 from hil.record.bags import is_bag
 from hil.record.checks import check
-from hil.record.dates import began, changed
-from hil.record.mcap_read import SessionSummary, summary
+from hil.record.mcap_read import SessionSummary, began, changed, summary
 from hil.record.recording import BEGAN, TAGS, Recording, tags_of
 from hil.record.sources import below, every_arm
 

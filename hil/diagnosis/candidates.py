@@ -3,6 +3,11 @@
 The shape of a candidate (a speed, a length, a frequency) is searched on all instants beside the
 present model; its coefficients, and those of the model with it, are then solved anew for every
 fold, so that its worth is what it foretells of blocks that it was not fitted to.
+
+Unnamed competitors, free functions of the same variables, run in the same race.  A name says more
+than that something is there: it says which law.  Where a free function foretells left-out data
+better than the named law does, beyond chance and beyond what a library's law may miss, the name
+does not stand.
 """
 
 from __future__ import annotations
@@ -25,6 +30,8 @@ from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.solve import limits
 from hil.models.effect import Trait, terms_of
+from hil.models.kernels import lag
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 
@@ -191,4 +198,162 @@ def rated(
                 partial(table.residual, keys),
             )
         )
+    return out
+
+
+#: Shrinkage of a free function's coefficients, in units of their own columns [1].
+SHRINK = 1e-3
+#: Centres and width of bumps over speed, in units of the rms speed.
+SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
+#: Bumps over the range of the position, and those that find a single detent.
+PLACES, NARROW = 25, 100
+#: Times in which something follows the position [s].
+CREEPS = (0.1, 0.4, 1.6, 6.4)
+#: Knots of a slow function of time, a run.
+KNOTS = 8
+#: What a nearby law that the catalogue does not hold is called.
+FOIL = "a law without a name"
+#: What it is called where it takes in the whole robot.
+ROBOT = "the inertias of all links"
+Columns = Callable[[Motion, int, FloatArray], FloatArray]
+
+
+def _place(m: Motion, j: int, order: int) -> FloatArray:
+    values = np.polynomial.chebyshev.chebvander(np.clip(m.scaled(j), -1.05, 1.05), order)
+    return np.asarray(values, dtype=np.float64)
+
+
+def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    v = m.qd[:, j] / rms[j]
+    return np.asarray(np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2))
+
+
+def _places(m: Motion, j: int, count: int = PLACES) -> FloatArray:
+    """Bumps over the position, `count` of them."""
+    at = np.linspace(-1.0, 1.0, count)
+    return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (count - 1) / 2) ** 2)
+
+
+def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any function of the position, a narrow place included."""
+    return np.concatenate([_place(m, j, 6)[:, 1:], _places(m, j)], axis=1)
+
+
+def narrow(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any function of the position with single narrow places: a detent, a latch."""
+    return _places(m, j, NARROW)
+
+
+def inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """An inertia that is any smooth function of the position: a linkage or a slider behind it.
+
+    M(q) qdd + M'(q) qd^2 / 2, with the two functions free of each other.
+    """
+    place = _place(m, j, 4)
+    quick = m.qdd[:, j : j + 1] * place[:, 1:]
+    return np.concatenate([quick, m.qd[:, j : j + 1] ** 2 * place], axis=1)
+
+
+def creep(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """What follows the position slowly: a hose or a cable that creeps."""
+    q = np.ascontiguousarray(m.scaled(j))
+    return np.stack([q - lag(q, m.dt, t) for t in CREEPS], axis=1)
+
+
+def reversal(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Friction that is another one where the joint speeds up than where it slows down."""
+    size = max(float(np.sqrt(np.mean(m.qdd[:, j] ** 2))), 1e-12)
+    side = np.tanh(3 * m.qdd[:, j] / size)[:, None]
+    return np.concatenate([side * _bumps(m, j, rms), m.sign(j)[:, None] * side], axis=1)
+
+
+def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Friction and viscous friction that are any smooth function of the position."""
+    place, sign = _place(m, j, 9)[:, 1:], m.sign(j)
+    return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place], axis=1)
+
+
+def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of the speed, and of its sign."""
+    sign = m.sign(j)[:, None]
+    return np.concatenate([_bumps(m, j, rms), sign * np.abs(_bumps(m, j, rms))], axis=1)
+
+
+def position_and_speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of position and speed together."""
+    out = _bumps(m, j, rms)[:, :, None] * _place(m, j, 4)[:, None, :]
+    return np.asarray(out.reshape(m.n, out.shape[1] * out.shape[2]))
+
+
+def load(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any smooth function of the transmitted load, by direction."""
+    size = max(float(np.sqrt(np.mean(m.load[:, j] ** 2))), 1e-300)
+    x, sign = m.load[:, j] / size, m.sign(j)
+    parts = [np.abs(x), x * x, x * np.abs(x), np.abs(x) ** 3]
+    return np.stack([*parts, *(p * sign for p in parts)], axis=1)
+
+
+def time(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Any slow function of time: an offset, friction by direction and viscous friction."""
+    x = 2 * m.since / max(float(m.since[-1]), 1e-12) - 1
+    slow = np.polynomial.chebyshev.chebvander(x, KNOTS)[:, 1:]
+    sign, v = m.sign(j)[:, None], m.qd[:, j : j + 1]
+    return np.concatenate([slow, sign * slow, v * slow[:, :3]], axis=1)
+
+
+def other_joints(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+    """Smooth functions of the other joints' positions and speeds."""
+    others = [k for k in range(m.d) if k != j]
+    if not others:
+        return np.zeros((m.n, 0))
+    parts = []
+    for k in others[:6]:
+        v = m.qd[:, k] / max(rms[k], 1e-12)
+        parts += [_place(m, k, 3)[:, 1:], np.stack([np.tanh(3 * v), v, v * np.abs(v)], axis=1)]
+        parts.append(m.qd[:, j : j + 1] * _place(m, k, 2)[:, 1:])
+    return np.concatenate(parts, axis=1)
+
+
+#: What a competitor is a function of, in words, and its columns.
+COMPETITORS: dict[str, Columns] = {
+    "position": position,
+    "a narrow place": narrow,
+    "position and acceleration": inertia,
+    "position, by direction": position_by_direction,
+    "speed": speed,
+    "position and speed": position_and_speed,
+    "speed and its change": reversal,
+    "slow memory of the position": creep,
+    "load": load,
+    "time": time,
+    "the other joints": other_joints,
+}
+
+
+def competitor(problem: Problem, j: int, what: str) -> Group | None:
+    """Columns of one competitor on joint j; None where it has none."""
+    rms = np.sqrt(np.mean(np.concatenate([m.qd for m in problem.motions]) ** 2, axis=0))
+    rms = np.maximum(rms, 1e-12)
+    raw = [COMPETITORS[what](m, j, rms) for m in problem.motions]
+    if not raw[0].shape[1]:
+        return None
+    columns = problem.gated(raw, j)
+    free = np.full(columns.shape[1], np.inf)
+    return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
+
+
+def foils(problem: Problem, term: Term) -> list[Group]:
+    """Columns of laws without a name that come close to a term's effect (`Relations.foils`)."""
+    effect, j = term.effect, term.joint
+    laws = [effect.relations.foils(m, j, term.shape) for m in problem.motions]
+    joint, words = (None, ROBOT) if effect.scope.whole else (j, FOIL)
+    out = []
+    for k, raw in enumerate(zip(*laws, strict=True)):
+        columns = problem.acting(list(raw), joint)
+        if term.per_run:
+            columns = problem.by_run(columns, int(effect.variation.relative))
+        free = np.full(columns.shape[-1], np.inf)
+        key = ("free", words, j, effect.name, k)
+        columns = np.moveaxis(columns, 0, 1) if effect.scope.whole else columns
+        out.append(Group(key, joint, columns, -free, free, np.zeros(free.size)))
     return out

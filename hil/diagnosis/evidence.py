@@ -13,7 +13,7 @@ from hil.diagnosis.constants import ADEQUATE, FLOOR_SHARE, MANY_SHAPES, WORTH
 from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
-from hil.identify import line_spectrum
+from hil.identify import screening
 from hil.identify.design import Key, Term, replaced
 from hil.identify.fit import time_blocks
 from hil.identify.parallel import in_parallel
@@ -235,7 +235,7 @@ def _null(
         grid = [c.term.shape]
     if isinstance(c.term.effect.search, Lines):
         own = projector.rows(c.term)
-        return line_spectrum.flipped(projector.problem, c.term, noise[own], rows[own], signs)
+        return screening.flipped(projector.problem, c.term, noise[own], rows[own], signs)
     waves = screen(projector.problem, c.term, grid)
     if waves is not None:
         n, j = projector.problem.n, c.term.joint

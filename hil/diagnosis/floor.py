@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import MATTERS, SENSOR_ACCURACY
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Floor
-from hil.identify.line_spectrum import period
 from hil.identify.problem import Problem
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
+from hil.identify.screening import period
 
 FloatArray = NDArray[np.float64]
 #: Columns of which less than this is new do not count.

@@ -20,12 +20,11 @@ from hil.errors import DataError, plural
 from hil.identify.context import set_context
 from hil.identify.design import Term
 from hil.identify.fit import assemble, fit, predict, time_blocks
-from hil.identify.predict import own_values
+from hil.identify.predict import outside, own_values
 from hil.identify.problem import AUTOMATIC, Problem
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE
 from hil.identify.timing import fit_aligned
-from hil.identify.validity import outside
 from hil.models.effect import Trait
 from hil.record.checks import check
 from hil.record.recording import Recording, RobotSource

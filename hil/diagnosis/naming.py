@@ -15,8 +15,17 @@ from numpy.typing import NDArray
 from hil import progress
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import as_use, choose, kindred, overlap, physical, twins
-from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
-from hil.diagnosis.competitors import COMPETITORS, FOIL, competitor, foils
+from hil.diagnosis.candidates import (
+    COMPETITORS,
+    FOIL,
+    Rated,
+    competitor,
+    foils,
+    model_groups,
+    paired,
+    rate,
+    tried,
+)
 from hil.diagnosis.constants import (
     ABSORBED,
     BEATEN,

@@ -27,10 +27,10 @@ from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut
 from hil.identify.design import Term, coefficients
 from hil.identify.fit import in_units
+from hil.identify.predict import identified, leaves
 from hil.identify.projector import Projector
 from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks
 from hil.identify.result import FitResult
-from hil.identify.validity import identified, leaves
 
 FloatArray = NDArray[np.float64]
 

@@ -25,10 +25,10 @@ from hil.identify.errors import complete
 from hil.identify.fit import fit as fit_problem
 from hil.identify.multistep import MultiStep, both, each
 from hil.identify.parallel import single_threaded
+from hil.identify.predict import outside
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, fit_as_stated
-from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.model import Range, RobotModel, Use, as_model
 from hil.models.robots import undescribed

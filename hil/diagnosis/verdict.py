@@ -26,11 +26,11 @@ from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, d
 from hil.diagnosis.unnamed import explainable, foretold, hidden
 from hil.identify.context import renew
 from hil.identify.errors import complete
+from hil.identify.predict import outside
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.standstill import HELD
 from hil.identify.timing import late_effort
-from hil.identify.validity import outside
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Value

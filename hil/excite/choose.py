@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite import menu
-from hil.excite.foresee import complete, nominal
 from hil.excite.limits import Margin
-from hil.excite.question import Question, Rival, Verdict, against, gram, imitations, sharp
+from hil.excite.question import (
+    Question,
+    Rival,
+    Verdict,
+    against,
+    complete,
+    gram,
+    imitations,
+    nominal,
+    sharp,
+)
 from hil.excite.stage import Stage, fitted
 from hil.excite.trajectory import Trajectory
 from hil.identify.design import Term

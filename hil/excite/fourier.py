@@ -20,7 +20,7 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
-from hil.excite.foresee import nominal
+from hil.excite.question import nominal
 from hil.excite.stage import Space, Stage
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify.design import Term

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.excite.foresee import efforts, nominal, problem_of
 from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot, torques
-from hil.excite.question import Question, ready
+from hil.excite.question import Question, efforts, nominal, problem_of, ready
 from hil.excite.trajectory import Trajectory, grid, sample
 from hil.identify import standstill
 from hil.identify.bands import Rates

@@ -24,8 +24,8 @@ from hil.estimate import compensation_tables
 from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.record.schema import decode_numbers
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner

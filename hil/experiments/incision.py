@@ -41,8 +41,8 @@ from hil.excite.trajectory import write as write_trajectory
 from hil.experiments.pages import Data, Means, Rows, StudyPage
 from hil.models.model import base_model
 from hil.record.container import read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.record.schema import decode_numbers
 from hil.rig.check import limits_of_arm
 from hil.rig.config import ControllerConfig, RigConfig, load_rig, robot_source
 from hil.rig.open import Rig, build_controller, open_rig

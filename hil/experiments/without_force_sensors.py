@@ -20,7 +20,7 @@ from hil.errors import ConfigError
 from hil.experiments import transparency as rig
 from hil.experiments.pages import Data, Means, Rows, StudyPage
 from hil.record.container import read
-from hil.record.decode import decode_numbers
+from hil.record.schema import decode_numbers
 from hil.teleop import force_sensor_free, hybrid, law_parameters
 from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 from hil.terminal import Found

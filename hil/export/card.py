@@ -17,8 +17,7 @@ from hil.diagnosis.verbs import Comparison, compare
 from hil.errors import printable
 from hil.export.target import Job, Made
 from hil.models import catalogue
-from hil.models.model import Value
-from hil.models.param_text import in_words, without_error
+from hil.models.model import Value, in_words, without_error
 
 #: Packages whose versions matter to a fit.
 PACKAGES = ("hil-teleop", "numpy", "scipy", "numba", "pin")

@@ -20,7 +20,7 @@ from hil.models.bodies import Tree
 from hil.models.effect import Effect, Over, Trait
 from hil.models.model import ALL, RobotModel, Use
 from hil.models.motion import Motion
-from hil.models.param import JOINT, Param
+from hil.models.parts import JOINT, Param
 from hil.models.robots import Robot
 
 FloatArray = NDArray[np.float64]

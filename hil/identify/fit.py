@@ -31,18 +31,17 @@ from numpy.typing import NDArray
 from hil.errors import FitError
 from hil.identify.context import find_surface, impossible, references, set_context, update_load
 from hil.identify.design import Term, bind, by_run, coefficients, prefix
-from hil.identify.predict import predict
+from hil.identify.predict import identified, predict
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import DESCRIBED, FitResult
 from hil.identify.screening import CLOSE
 from hil.identify.shape_search import search_shapes
 from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
-from hil.identify.validity import identified
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Use, Value
 from hil.models.motion import Motion
-from hil.models.param import JOINT
+from hil.models.parts import JOINT
 
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]

@@ -1,6 +1,13 @@
-"""A fitted model on runs that it has not seen."""
+"""A fitted model on runs that it has not seen: what it leaves, and where it extrapolates.
+
+A model is identified on a range of positions, speeds and loads; a prediction beyond it is
+extrapolation.  Kept are the 0.5 and 99.5 % quantiles of each joint's motion; data count as outside
+beyond these by more than a twentieth of the range.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +18,7 @@ from hil.identify.problem import Problem
 from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import slices_of
+from hil.models.model import Range
 
 FloatArray = NDArray[np.float64]
 
@@ -73,3 +81,99 @@ def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> 
     out = r.copy()
     out[at] -= wide @ part
     return out
+
+
+#: Share of the instants at each end that is no range, the margin beyond it, and the share of
+#: instants outside that is worth a warning.
+TAIL, MARGIN, WORTH = 0.005, 0.05, 0.02
+QUANTITIES = ("position", "speed", "load")
+
+
+def _every(problem: Problem, what: str) -> list[FloatArray]:
+    """One quantity of all joints, run by run (instants, d)."""
+    name = {"position": "q", "speed": "qd", "load": "load"}[what]
+    return [getattr(m, name) for m in problem.motions]
+
+
+def _values(problem: Problem, j: int, what: str) -> FloatArray:
+    """All values of one quantity of joint j (instants,)."""
+    return np.concatenate([x[:, j] for x in _every(problem, what)])
+
+
+def _ends(problem: Problem, j: int, what: str) -> tuple[float, float]:
+    """Quantiles of one quantity of joint j."""
+
+    def made() -> tuple[float, float]:
+        low, high = np.quantile(_values(problem, j, what), [TAIL, 1 - TAIL]).tolist()
+        return low, high
+
+    return problem.remembered(("ends", j, what), _every(problem, what), made)
+
+
+def identified(problem: Problem) -> tuple[Range, ...]:
+    """Range of every joint over the runs of a fit, the load as the fit has it."""
+    out = []
+    for j, joint in enumerate(problem.joints):
+        place, speed, load = (_ends(problem, j, what) for what in QUANTITIES)
+        low, high = problem.span[j].tolist()
+        out.append(Range(joint, place, speed, load, (low, high)))
+    return tuple(out)
+
+
+def limits(known: Range, what: str) -> tuple[float, float]:
+    """Ends of a range with the margin."""
+    low, high = getattr(known, what)
+    spare = MARGIN * max(high - low, 1e-12)
+    return low - spare, high + spare
+
+
+def outside(known: Sequence[Range], problem: Problem, which: str = "session") -> list[str]:
+    """Sentences on what leaves the identified range: one a quantity, with every such joint.
+
+    Parameters
+    ----------
+    known : sequence of Range
+        Ranges of a model; joints without one are not judged.
+    problem : Problem
+        The runs that the model is to predict.
+    which : str
+        What to call them.
+    """
+    ranges, out = {r.joint: r for r in known}, []
+    for what in QUANTITIES:
+        parts = [
+            _part(problem, j, what, ranges[joint])
+            for j, joint in enumerate(problem.joints)
+            if joint in ranges
+        ]
+        beyond = "; ".join(p for p in parts if p)
+        if beyond:
+            out.append(
+                f"the {which} leaves the identified {what} range; "
+                f"predictions there are extrapolations: {beyond}"
+            )
+    return out
+
+
+def leaves(known: Sequence[Range], problem: Problem, j: int) -> bool:
+    """Whether joint j leaves its identified range in any quantity."""
+    own = [r for r in known if r.joint == problem.joints[j]]
+    return any(_part(problem, j, what, r) for r in own for what in QUANTITIES)
+
+
+def _part(problem: Problem, j: int, what: str, known: Range) -> str:
+    """How often and how far joint j leaves its range; empty where that is rare."""
+    x, (low, high) = _values(problem, j, what), limits(known, what)
+    share = float(np.mean((x < low) | (x > high)))
+    if share <= WORTH:
+        return ""
+    low, high = getattr(known, what)
+    return (
+        f"{problem.joints[j]} for {100 * share:.0f} % of the time ({x.min():.3g} to {x.max():.3g}, "
+        f"identified {low:.3g} to {high:.3g} {_unit(problem, j, what)})"
+    )
+
+
+def _unit(problem: Problem, j: int, what: str) -> str:
+    unit = problem.robot.units[j]
+    return {"position": unit, "speed": f"{unit}/s", "load": "N" if unit == "m" else "N m"}[what]

@@ -11,8 +11,7 @@ from hil.identify.description import Pull
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
-from hil.models.model import RobotModel, Value
-from hil.models.param_text import in_words
+from hil.models.model import RobotModel, Value, in_words
 from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]

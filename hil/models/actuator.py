@@ -32,7 +32,7 @@ from hil.models.effect import (
 )
 from hil.models.friction import HARMONICS, harmonics, position_orders
 from hil.models.motion import FloatArray, Motion
-from hil.models.param import JOINT
+from hil.models.parts import JOINT
 
 
 class TorqueOffset(Effect):

@@ -9,11 +9,11 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Iterable, Iterator
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
-from hil import consent, local_modules
+from hil import consent
 from hil.errors import ConfigError, unknown
 from hil.models.effect import FIXED, NEVER, Effect
 from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
@@ -72,7 +72,7 @@ def table() -> dict[str, Effect]:
     if not _table:
         for name in MODULES:
             _add(importlib.import_module(name), name)
-        for point in entry_points(group="hil.effects"):
+        for point in entry_points(group=GROUP):
             _add(point.load(), point.value)
     return _table
 
@@ -114,14 +114,14 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
         source = read_bytes(path, LARGEST_TEXT)
     except OSError as error:
         raise ConfigError(f"plugin {path} cannot be read: {error}") from error
-    beside = local_modules.beside(path, source)
+    beside = consent.beside(path, source)
     if said_in is not None:
         consent.require(consent.plugin(path, source, beside), str(said_in))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up by name
     try:
         code = compile(source, spec.origin or str(path), "exec", dont_inherit=True)
-        with local_modules.loading(path, beside):
+        with consent.loading(path, beside):
             exec(code, module.__dict__)
     except ConfigError:
         raise
@@ -241,3 +241,39 @@ def _old(kind: type[Effect]) -> Iterator[str]:
 
 def _callable(kind: type[Effect], name: str) -> bool:
     return callable(getattr(kind, name))
+
+
+#: Entry points of installed packages with effects.
+GROUP = "hil.effects"
+
+
+def load_installed() -> None:
+    """Fill the catalogue; warn of every package whose effects cannot be loaded, and go on.
+
+    The catalogue stops at the first package that fails; what comes after it is put in here.
+    """
+    try:
+        table()
+        return
+    except Exception:  # said below, package by package
+        points = list(entry_points(group=GROUP))
+    for point in points:
+        try:
+            _put(point)
+        except Exception as error:
+            where = f" of package {point.dist.name}" if point.dist else ""
+            sys.stderr.write(
+                f"warning: the effects {point.name!r}{where} ({point.value}) cannot be loaded and "
+                f"are left out: {type(error).__name__}: {error}; mend or uninstall the package\n"
+            )
+
+
+def _put(point: EntryPoint) -> None:
+    """Effects of one package into the catalogue, unless they are there."""
+    there = table()  # filled by now, up to the first package that failed
+    for effect in getattr(point.load(), "EFFECTS", ()):
+        if not isinstance(effect, Effect):
+            raise ConfigError(f"EFFECTS holds {effect!r}, which is not an Effect instance")
+        known = there.setdefault(effect.name, effect)
+        if type(known).__module__ != type(effect).__module__:
+            raise ConfigError(f"effect {effect.name!r} is already in {type(known).__module__}")

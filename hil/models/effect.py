@@ -19,11 +19,11 @@ from typing import ClassVar
 import numpy as np
 
 from hil.models.motion import FloatArray, Motion
-from hil.models.param import INF, Param
 from hil.models.parts import (
     AT_AN_INSTANT,
     BOUNDS,
     FIXED,
+    INF,
     NEVER,
     PER_RUN,
     RELATIVE,
@@ -36,6 +36,7 @@ from hil.models.parts import (
     Lines,
     Of,
     Over,
+    Param,
     Relations,
     Scope,
     Shape,

@@ -36,7 +36,7 @@ from hil.models.effect import (
 from hil.models.friction import harmonics, position_orders
 from hil.models.kernels import delayed, eccentric, lag
 from hil.models.motion import FloatArray, Motion
-from hil.models.param import POLES
+from hil.models.parts import POLES
 
 #: Cause of every lateness.
 LATENESS = ("lateness",)

@@ -15,8 +15,7 @@ from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
-from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value
-from hil.models.param_text import in_words
+from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value, in_words
 from hil.record.recording import RobotSource
 from hil.userfile import parse_toml, read_text, write_text
 

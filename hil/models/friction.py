@@ -32,7 +32,7 @@ from hil.models.effect import (
     typical_speed,
 )
 from hil.models.motion import FloatArray, Motion
-from hil.models.param import JOINT
+from hil.models.parts import JOINT
 
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
 

@@ -39,7 +39,7 @@ from hil.models.effect import (
     Variation,
 )
 from hil.models.motion import FloatArray, Motion
-from hil.models.param import JOINT
+from hil.models.parts import JOINT
 
 #: Share of its squared effort by which a body may miss being a real one, whatever the errors: by so
 #: much the laws of a library miss their effects.

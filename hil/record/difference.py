@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hil.errors import DataError
 from hil.record.container import Container, Topic, read
-from hil.record.decode import numbers
+from hil.record.schema import numbers
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.errors import DataError
 from hil.record.container import Container, Topic, read
-from hil.record.decode import decode_joint_state
+from hil.record.schema import decode_joint_state
 
 #: Colours that colour-blind people tell apart (Okabe and Ito 2008), in the order of use.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.residuals import Spectrum, View, order_spectra, time_spectra, views
 from hil.diagnosis.types import Candidate
-from hil.identify.validity import QUANTITIES, limits
+from hil.identify.predict import QUANTITIES, limits
 from hil.report.data import Material, number
 from hil.report.elements import (
     AFTER,

@@ -12,10 +12,9 @@ from hil.diagnosis.residuals import Region, regions
 from hil.diagnosis.types import Diagnosis, Indistinguishable
 from hil.diagnosis.verbs import Comparison, Rung, rising
 from hil.identify.design import head
-from hil.models import catalogue, param_text
+from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import Value
-from hil.models.param_text import in_words, without_error
+from hil.models.model import Value, in_words, remark, without_error
 from hil.record.checks import OF_UNITS
 from hil.record.recording import Recording
 from hil.report import text
@@ -236,7 +235,7 @@ def effects(m: Material) -> str:
         parts.append(paragraph(f"{text.meaning(f.effect)}."))
         parts.append(f'<p class="equation">{typeset(effect.doc.equation)}</p>')
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
-        said = param_text.remark(f.effect, f.parameters)
+        said = remark(f.effect, f.parameters)
         parts += [items([*values, *([said] if said else [])]), figure.html()]
         parts += (
             [paragraph(f"Read with care: {effect.doc.caveat}.", "note")]

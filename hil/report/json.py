@@ -14,8 +14,7 @@ from hil.diagnosis.verbs import Comparison, Rung
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.models.model import Value
-from hil.models.param_text import in_words
+from hil.models.model import Value, in_words
 
 #: Fields of an indistinguishable set, and of what a motion could not show.
 SETS = ("effects", "why", "experiment", "reason", "motion", "command")

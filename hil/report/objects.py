@@ -19,8 +19,7 @@ from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Comparison
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
-from hil.models.model import RobotModel, Value
-from hil.models.param_text import in_words, without_error
+from hil.models.model import RobotModel, Value, in_words, without_error
 from hil.record.locked import GROUPS, WRENCH
 from hil.record.recording import COLUMNS, Recording
 from hil.report import elements

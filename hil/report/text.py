@@ -25,8 +25,7 @@ from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import Value
-from hil.models.param_text import in_words, without_error
+from hil.models.model import Value, in_words, without_error
 from hil.record.checks import OF_UNITS, SILENT
 from hil.report.data import COMPARED, Material, number
 

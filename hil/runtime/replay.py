@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from hil import registry
 from hil.errors import DataError
 from hil.record.container import Container, read
-from hil.record.decode import decode_joint_state, decode_numbers
+from hil.record.schema import decode_joint_state, decode_numbers
 from hil.revision import source_revision
 from hil.rig import estimators, safety
 from hil.rig.config import RigConfig

@@ -31,7 +31,7 @@ from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
 from hil.record.units import FACTORS
 from hil.report.json import number
-from hil.testing import check_effect
+from hil.testing.effects import check_effect
 from hil.userfile import write_text
 
 #: Rows of a column that are shown.

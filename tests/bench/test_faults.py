@@ -8,7 +8,7 @@ import pytest
 
 from hil.bench.faults import cases, runner
 from hil.record.container import read
-from hil.record.decode import decode_numbers
+from hil.record.schema import decode_numbers
 from hil.rig.safety import BITS
 
 SOME = [f for f in cases.FAULTS if f.wire or f.over or f.steered or "law" in f.name]

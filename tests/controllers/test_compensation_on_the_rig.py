@@ -10,8 +10,8 @@ from hil.diagnosis.verbs import fit
 from hil.models.files import write_model
 from hil.models.model import Use, base_model
 from hil.record.container import read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.record.schema import decode_numbers
 from hil.rig.config import ControllerConfig, load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner

@@ -17,9 +17,9 @@ from hil.estimate import elastic_ukf
 from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
 from hil.experiments import elastic_transmission
 from hil.record.container import read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
 from hil.record.ring import Ring
+from hil.record.schema import decode_numbers
 from hil.rig import estimators
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig

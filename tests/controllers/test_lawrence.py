@@ -17,8 +17,8 @@ from hil.errors import ConfigError, DeviceError
 from hil.estimate import external_torque
 from hil.models.phantom import Premium
 from hil.record.container import read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_read import load
+from hil.record.schema import decode_numbers
 from hil.rig.config import load_rig
 from hil.runtime import runner
 from hil.runtime.session import plain, to_toml

@@ -14,7 +14,7 @@ _HELD = {"verbs": {1.0, 0.99, 1.01}}
 _ARITHMETIC = {
     "artefacts": {"WIDER", "WIDEST", "CUTS"},
     "attribution": {"FURTHER"},
-    "competitors": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
+    "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
     "equivalence": {"PROBE", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
     "floor": {"RANK", "FLOOR_STEPS", "FULL", "STRENGTHS"},

@@ -16,7 +16,7 @@ from hil.drivers import haply
 from hil.drivers.haply import BOX, InverseConfig
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
-from hil.record.decode import read_fields
+from hil.record.schema import read_fields
 from hil.rig.config import RecordConfig, load_rig
 from hil.rigs import rig_path
 from hil.runtime.runner import run

@@ -11,8 +11,7 @@ from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult
 from hil.models.files import read_model, write_model
-from hil.models.model import RobotModel, Use, Value, base_model
-from hil.models.param_text import in_words
+from hil.models.model import RobotModel, Use, Value, base_model, in_words
 from hil.record.recording import Recording, RobotSource
 
 AXIS = base_model(RobotSource("single-axis"))

@@ -6,7 +6,7 @@ import pytest
 from hil.errors import ConfigError
 from hil.models import catalogue, formula
 from hil.models.effect import terms_of
-from hil.models.param import JOINT
+from hil.models.parts import JOINT
 from hil.testing.effects import sample_motions
 
 DECLARED = sorted(name for name, e in catalogue.table().items() if e.doc.formulas)

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from hil.cli import main
+from hil.consent import beside
 from hil.errors import ConfigError
-from hil.local_modules import beside
 from hil.models import catalogue
 
 EFFECT = """

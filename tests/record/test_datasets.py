@@ -12,8 +12,8 @@ from hil.cli import main
 from hil.errors import DataError
 from hil.record import datasets
 from hil.record.checks import check
-from hil.record.decode import read_fields
 from hil.record.mcap_read import load
+from hil.record.schema import read_fields
 
 
 def test_missing_variable_is_named(monkeypatch):

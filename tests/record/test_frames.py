@@ -13,7 +13,6 @@ from hil.cli import main
 from hil.commands.run import differences
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
-from hil.record.decode import read_fields
 from hil.record.frames import (
     RX,
     START,
@@ -26,6 +25,7 @@ from hil.record.frames import (
     read_frames,
 )
 from hil.record.mcap_read import summary
+from hil.record.schema import read_fields
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.runtime import runner

@@ -13,9 +13,9 @@ from scipy.io import savemat
 from hil.cli import main
 from hil.models.files import read_model
 from hil.models.model import base_model
-from hil.record.decode import read_fields
 from hil.record.mcap_read import load, summary
 from hil.record.recording import RobotSource
+from hil.record.schema import read_fields
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])

@@ -16,13 +16,12 @@ from hil.cli import main
 from hil.errors import DataError, HilError
 from hil.record import container
 from hil.record.checks import check
-from hil.record.decode import read_fields
 from hil.record.export import write_recordings
 from hil.record.mcap_read import arms, load, read_metadata, summary
 from hil.record.mcap_write import SessionWriter
 from hil.record.recording import RobotSource
 from hil.record.recovery import recover
-from hil.record.schema import Channel
+from hil.record.schema import Channel, read_fields
 from hil.record.sources import load_sources
 
 R = plants.joints(seconds=3.0)

@@ -17,7 +17,7 @@ from hil.cli import main
 from hil.commands.selftest import selftest
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
-from hil.record.decode import decode_numbers
+from hil.record.schema import decode_numbers
 from hil.rig import cut
 from hil.rig.config import SafetyConfig, load_rig
 from hil.rig.safety import BITS, FAULTING

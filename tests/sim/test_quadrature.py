@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.record.decode import read_fields
+from hil.record.schema import read_fields
 from hil.rig.config import load_rig
 from hil.runtime import runner
 from hil.sim_devices.bench import Quadrature, tracks

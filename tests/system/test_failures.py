@@ -14,7 +14,6 @@ import pytest
 import hil
 from hil import consent
 from hil.cli import main
-from hil.commands import plugins
 from hil.errors import families, unknown
 from hil.models import catalogue
 from hil.record.export import write_recordings
@@ -98,8 +97,7 @@ def test_a_package_whose_effects_do_not_load_is_left_out(folder, capsys, monkeyp
         EntryPoint("later", "later_package", "hil.effects"),
     ]
     monkeypatch.setattr(catalogue, "_table", {})
-    for module in (catalogue, plugins):
-        monkeypatch.setattr(module, "entry_points", lambda group: points)
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: points)
     assert main(["effects", "--json"]) == 0
     said = capsys.readouterr()
     names = {e["name"] for e in json.loads(said.out)["effects"]}

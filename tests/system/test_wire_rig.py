@@ -8,8 +8,8 @@ import pytest
 
 from hil.drivers.ft_sensor import FtSensorConfig, open_device
 from hil.errors import ConfigError
-from hil.record.decode import read_fields
 from hil.record.mcap_read import summary
+from hil.record.schema import read_fields
 from hil.rig.boxes import open_boxes, plan
 from hil.rig.config import load_rig
 from hil.rig.open import force_sensors, open_rig

@@ -14,8 +14,8 @@ import pytest
 from hil.cli import main
 from hil.commands.ui import application
 from hil.errors import ConfigError, DeviceError
-from hil.record.decode import read_fields
 from hil.record.mcap_read import load, read_metadata
+from hil.record.schema import read_fields
 from hil.rig.config import DeviceConfig, load_rig
 from hil.rig.open import Rig
 from hil.runtime import runner

@@ -31,8 +31,8 @@ from hil.bench.faults.cases import Fault
 from hil.bench.faults.fault_injection import FaultySession
 from hil.errors import DataError, HilError
 from hil.record.container import Container, read
-from hil.record.decode import decode_numbers
 from hil.record.mcap_write import SessionWriter
+from hil.record.schema import decode_numbers
 from hil.rig.config import load_rig
 from hil.rig.cut import proven
 from hil.rig.safety import BITS, named
