@@ -1,7 +1,8 @@
-"""Which revision of the source this program is, for records, pages and reports."""
+"""Which revision of the source runs, on which machine, in how much memory: for what is written."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -25,3 +26,25 @@ def source_revision() -> tuple[str, str]:
         return "unknown", "unknown"
     revision, _, dirty = text.strip().partition("-")
     return revision, "true" if dirty else "false"
+
+
+def machine() -> str:
+    """Class of this machine, without its name."""
+    info = Path("/proc/cpuinfo")
+    guest = info.exists() and " hypervisor" in info.read_text(encoding="utf-8")
+    return f"{os.cpu_count()}-core {'virtual ' if guest else ''}machine"
+
+
+def peak() -> float:
+    """Largest resident memory of this process so far [byte].
+
+    Linux hands the parent's peak on to `getrusage` of a child; /proc does not.
+    """
+    import resource  # not on Windows
+
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return 1024.0 * int(line.split()[1])
+    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,6 +1,7 @@
 """Transfers to one USB-QUAD08 through pyusb, with errors that say what to do.
 
-A box that has just got power is brought up until its FPGA is proven.
+A box that has just got power is brought up until its FPGA is proven.  pyusb finds the libusb of the
+system, else the one that the package libusb-package brings.
 """
 
 from __future__ import annotations
@@ -13,11 +14,24 @@ from typing import Any
 
 import usb.core
 import usb.util
+from usb.backend import libusb1
 
-from hil.drivers.links import libusb
 from hil.drivers.usb_quad08 import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Attached, Bus
+
+
+def libusb_backend(given: Any = None) -> Any:
+    """Back end for `usb.core.find`: as given, or of the libusb that there is; None without any."""
+    found = libusb1.get_backend() if given is None else given
+    if found is not None:
+        return found
+    try:
+        import libusb_package
+    except ImportError:
+        return None
+    return libusb1.get_backend(find_library=libusb_package.find_library)
+
 
 TIMEOUT_MS = 1000
 RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
@@ -45,7 +59,7 @@ def find(backend: Any, product: int, serial: str) -> list[Any]:
             find_all=True,
             idVendor=codec.VENDOR,
             idProduct=product,
-            backend=libusb.backend(backend),
+            backend=libusb_backend(backend),
         )
         devices = list(found)
     except usb.core.NoBackendError:

@@ -15,8 +15,8 @@ from typing import Any
 from usb.backend import IBackend
 from usb.core import NoBackendError, USBError, USBTimeoutError
 
-from hil.drivers.links import libusb
 from hil.drivers.usb_quad08.codec import VENDOR
+from hil.drivers.usb_quad08.link import libusb_backend
 from hil.signals.bus import Bus, FrameLog, Replay
 
 _HEAD = "bLength bDescriptorType"
@@ -41,7 +41,7 @@ def recorded(bus: Bus, log: FrameLog) -> Any:
     NoBackendError
         If there is no libusb.
     """
-    real = libusb.backend(bus.handle)
+    real = libusb_backend(bus.handle)
     if real is None:
         raise NoBackendError("No backend available")
     return _Recorded(real, log)

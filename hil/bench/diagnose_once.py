@@ -8,16 +8,15 @@ The result is one line of JSON; with 0 repeats the only run is timed, else the f
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
-from pathlib import Path
 
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.report.html import diagnosis_report
+from hil.revision import peak
 
 
 def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:
@@ -28,19 +27,6 @@ def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Dia
     d = diagnose([run], model, [load(path) for path in holdout])
     diagnosis_report(d, report)
     return time.process_time() - start, time.perf_counter() - clock, d
-
-
-def peak() -> float:
-    """Largest resident memory of this process so far [byte].
-
-    Linux hands the parent's peak on to `getrusage` of a child; /proc does not.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return 1024.0 * int(line.split()[1])
-    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def main(words: list[str]) -> None:

@@ -34,6 +34,7 @@ from hil.identify.result import FitResult
 from hil.models.model import base_model
 from hil.record.export import write_recordings
 from hil.record.recording import Recording, RobotSource
+from hil.revision import machine
 from hil.terminal import Found
 from hil.userfile import write_text
 
@@ -513,13 +514,6 @@ def data(r: Report) -> dict[str, Any]:
         "rows": rows,
         "lengths": [asdict(x) for x in r.lengths],
     }
-
-
-def machine() -> str:
-    """Class of this machine, without its name."""
-    info = Path("/proc/cpuinfo")
-    guest = info.exists() and " hypervisor" in info.read_text(encoding="utf-8")
-    return f"{os.cpu_count()}-core {'virtual ' if guest else ''}machine"
 
 
 def page(r: Report) -> str:

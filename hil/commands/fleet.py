@@ -13,13 +13,12 @@ from pathlib import Path
 
 from hil import terminal
 from hil.bench import hidden
-from hil.bench.diagnose_once import peak
-from hil.bench.identify import machine
 from hil.commands import diagnose, groups
 from hil.errors import DeviceError, plural
 from hil.experiments.replicate import LostRun, counted, spread, where
 from hil.record.mcap_read import load
 from hil.record.sources import robot_of
+from hil.revision import machine, peak
 from hil.rigs import rig_path
 from hil.terminal import Found
 

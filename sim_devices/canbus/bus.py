@@ -11,8 +11,7 @@ from typing import Any
 
 import can
 
-from hil.sim_devices.canbus.frame import Frame
-from hil.sim_devices.canbus.line import LINES, Node
+from hil.sim_devices.canbus.line import LINES, Frame, Node
 
 #: Frames that the transmit queue takes, as a SocketCAN device does by default.
 QUEUE = 10

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.sim_devices.canbus.frame import Frame
-from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.canbus.line import Frame, Node
 from hil.sim_devices.force.transducer import Certificate, Transducer
 
 LATENCY_NS = 60_000

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sim_devices.canbus.frame import Frame
-from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.canbus.line import Frame, Node
 from hil.sim_devices.force.netcanoem import LATENCY_NS, Faults, place
 from hil.sim_devices.force.transducer import Transducer
 from hil.sim_devices.simtime import SimTime

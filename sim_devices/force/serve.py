@@ -14,7 +14,7 @@ from collections import deque
 
 import can
 
-from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import Frame
 from hil.sim_devices.force.netcanoem import DEFAULT_BASE, RESET_NS, NetCanOemBoard
 from hil.sim_devices.force.transducer import Transducer
 

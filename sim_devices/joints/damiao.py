@@ -10,8 +10,7 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
-from hil.sim_devices.canbus.frame import Frame
-from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.canbus.line import Frame, Node
 from hil.sim_devices.joints.bench import TOP, TOP_POSITION, JointBench
 
 #: Time in which a drive answers [ns].

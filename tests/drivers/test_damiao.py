@@ -13,7 +13,7 @@ from hil.drivers import damiao_can as codec
 from hil.drivers.damiao_can import DamiaoBusConfig
 from hil.errors import ConfigError, DeviceError
 from hil.signals.device import Status
-from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import Frame
 from hil.testing import Tolerance, check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))

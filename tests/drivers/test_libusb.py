@@ -5,12 +5,12 @@ import types
 
 import pytest
 
-from hil.drivers.links import libusb
+from hil.drivers.usb_quad08.link import libusb_backend
 
 
 def test_a_given_one_comes_first() -> None:
     given = object()
-    assert libusb.backend(given) is given
+    assert libusb_backend(given) is given
 
 
 def test_the_systems_before_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,12 +24,12 @@ def test_the_systems_before_the_packages(monkeypatch: pytest.MonkeyPatch) -> Non
     package.find_library = lambda name: "libusb-1.0.so"  # type: ignore[attr-defined]
     monkeypatch.setattr("usb.backend.libusb1.get_backend", get_backend)
     monkeypatch.setitem(sys.modules, "libusb_package", package)
-    assert libusb.backend() == "packaged"
+    assert libusb_backend() == "packaged"
     assert asked == [None, package.find_library]
     monkeypatch.setitem(sys.modules, "libusb_package", None)
-    assert libusb.backend() is None
+    assert libusb_backend() is None
 
 
 def test_here_there_is_one() -> None:
     pytest.importorskip("libusb_package")
-    assert libusb.backend() is not None
+    assert libusb_backend() is not None

@@ -13,8 +13,7 @@ from hil.drivers.netcanoem import codec
 from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig
 from hil.errors import DeviceError
 from hil.signals.device import Status
-from hil.sim_devices.canbus.frame import Frame
-from hil.sim_devices.canbus.line import Node
+from hil.sim_devices.canbus.line import Frame, Node
 
 sys.path.insert(0, str(Path(__file__).parent))
 from can_far import Rig, board

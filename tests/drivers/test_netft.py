@@ -14,7 +14,7 @@ from hil.drivers.netft_can import NetFtCanConfig
 from hil.drivers.netft_rdt import NetFtRdtConfig, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.device import Status
-from hil.sim_devices.canbus.frame import Frame
+from hil.sim_devices.canbus.line import Frame
 from hil.testing import check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))

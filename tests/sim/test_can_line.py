@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.sim_devices.canbus.frame import Frame, bits
-from hil.sim_devices.canbus.line import LINES, CanLine, Node
+from hil.sim_devices.canbus.line import LINES, CanLine, Frame, Node, bits
 from hil.sim_devices.simtime import VirtualTime
 
 _NUMBER = itertools.count()
