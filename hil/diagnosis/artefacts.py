@@ -54,7 +54,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
-from hil.identify.timing import real_delay
+from hil.identify.slow_motion import real_delay
 from hil.models.effect import Trait
 
 FloatArray = NDArray[np.float64]

@@ -22,7 +22,7 @@ from hil.identify.regression import RANK_ROUNDING
 from hil.identify.result import FitResult
 from hil.identify.screening import screen
 from hil.identify.shape_search import COARSE, best_shape
-from hil.identify.timing import real_delay
+from hil.identify.slow_motion import real_delay
 from hil.models import catalogue
 from hil.models.effect import Effect, Lines, Trait
 

@@ -17,20 +17,17 @@ from hil.identify.clock import even
 from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
 from hil.identify.problem import Problem
-from hil.identify.timing import (
+from hil.identify.readings import lateness, reading_notes, readings
+from hil.identify.slow_motion import (
     CLEAR,
     _agreed,
     _middle,
-    fit_aligned,
-    late_effort,
-    lateness,
     longest_shift,
-    reading_notes,
-    readings,
     real_delay,
     sample_shift,
     slow_delay,
 )
+from hil.identify.timing import fit_aligned, late_effort
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import Recording, RobotSource
 from hil.record.urdf_joints import urdf_joints
@@ -408,7 +405,7 @@ def test_what_is_hardly_known_of_a_lateness_is_hardly_taken_out(
     problem = Problem([plants.counted_axis(20.0)], AXIS.robot)
     result, longest = fit(problem, AXIS), longest_shift(problem)
     late = 0.6 * longest, max(error * longest, 1e-9) * 0.999
-    monkeypatch.setattr("hil.identify.timing.slow_delay", lambda *_, **__: late)
+    monkeypatch.setattr("hil.identify.slow_motion.slow_delay", lambda *_, **__: late)
     assert sample_shift(result)[0] == pytest.approx(0.6 * share * longest, rel=2e-3)
 
 
@@ -442,7 +439,7 @@ def test_an_unsure_lateness_that_the_whole_band_denies_is_not_taken_out(
     problem = Problem([plants.counted_axis(20.0)], AXIS.robot)
     longest = longest_shift(problem)
     told = 0.6 * longest, error * longest
-    monkeypatch.setattr("hil.identify.timing.slow_delay", lambda *_, **__: told)
+    monkeypatch.setattr("hil.identify.slow_motion.slow_delay", lambda *_, **__: told)
     monkeypatch.setattr("hil.identify.timing._ratio", lambda *_: 1.1)
     assert bool(fit_aligned(problem, AXIS).problem.shift) is shifted
 

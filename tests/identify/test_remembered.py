@@ -9,7 +9,7 @@ import pytest
 from hil.identify.fit import fit
 from hil.identify.predict import identified
 from hil.identify.problem import AUTOMATIC, Problem
-from hil.identify.timing import slow_delay
+from hil.identify.slow_motion import slow_delay
 from hil.models import catalogue
 from hil.models.model import Band, base_model
 from hil.record.recording import RobotSource

@@ -1,0 +1,339 @@
+"""How late the efforts are against the positions, told from the slow motion alone.
+
+In a closed loop the controller answers the very disturbances that a model leaves over, so that
+noise looks like a delay of several milliseconds where it is fast.  In the slow motion the commanded
+one dominates.  What is told there is a delay of one joint, an alignment within a sample that all
+joints have in common, or efforts that were recorded late by more: each beside other laws of
+friction, which look late where the model's own is of another form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from hil.identify.design import Term, block
+from hil.identify.problem import Alignment, Problem
+from hil.identify.regression import basis
+from hil.identify.result import FitResult
+from hil.models.effect import Doc, Effect, Param, Trait
+from hil.models.motion import Motion
+from hil.models.presliding import SLIPS, slip_state
+
+FloatArray = NDArray[np.float64]
+#: The slow motion: below this fraction of the effort filter's cut-off.
+SLOW = 4
+#: Share of a sample to which a joint's lateness must be known to count.
+KNOWN = 0.5
+#: Parts of a sample below which there is no lateness, and below which one joint's is not better
+#: known than another's.
+FINEST = 20
+#: Standard errors beyond which a lateness is one.
+CLEAR = 3.0
+#: Parts of a recording that each say how late it is, so that their scatter tells the error.
+PIECES = 6
+#: Time by which friction turns early in the column that keeps its turns out of the lateness [s].
+TURN = 0.005
+#: Speed below which friction may be larger, over the rms speed.
+LOW_SPEED = 0.1
+#: Largest lateness of recorded efforts that is looked for [s]: a filter of 2 Hz, messages missed.
+LATEST = 0.1
+#: Shifts that are tried up to it, at most.
+MOST_SHIFTS = 25
+#: Share by which the error must fall where efforts are taken earlier by more than a sample, or a
+#: filter is undone, and by which that of one joint may rise.
+LESS = 0.1
+
+
+class _Rate(Effect):
+    """A short lateness of the effort: its first-order term in T."""
+
+    name, family = "effort-rate", "actuator"
+    doc = Doc("tau(t) = model(t) + T dtau/dt", "late", "any motion", "Taylor's series")
+    params = (Param("T", "s", "lateness"),)
+    traits = Trait.GIVEN
+    #: Of motor and external effort together.
+    whole = False
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """dtau/dt, of motor and external effort where `whole`."""
+        effort = motion.tau[:, j] + (motion.tau_ext[:, j] if self.whole else 0.0)
+        return np.gradient(effort, motion.dt)[:, None]
+
+
+class _WholeRate(_Rate):
+    """The same of motor and external effort together, as a late measured motion shows it."""
+
+    name = "whole-effort-rate"
+    whole = True
+
+
+class _OtherFriction(Effect):
+    """What another law of friction adds: a turn before the speed's or after it, a bent curve."""
+
+    name, family = "other-friction", "friction"
+    doc = Doc(
+        "tau = c (tanh((v + T a) / v0) - tanh(v / v0)) + s tanh(v / v0) exp(-|v| / vs) + d v |v|"
+        ",  T = 5 ms, vs a tenth of the rms speed",
+        "friction that leads the speed, is larger at low speed, or grows with its square",
+        "reversals, and strokes at several speeds",
+        "Taylor's series; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994",
+    )
+    params = (
+        Param("c", "{F}", "friction that turns early"),
+        Param("s", "{F}", "friction at low speed"),
+        Param("d", "{F}", "drag at the rms speed"),
+    )
+    traits = Trait.GIVEN
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """A sign that turns early less the sign, and two curves over the speed."""
+        v, a, v0 = motion.qd[:, j], motion.qdd[:, j], float(motion.resolution[j])
+        sign, size = motion.sign_of(v, a, v0), max(float(np.sqrt(np.mean(v**2))), 1e-300)
+        turn = motion.sign_of(v + TURN * a, a, v0) - sign
+        low = sign * np.exp(-np.abs(v) / (LOW_SPEED * size))
+        return np.stack([turn, low, v / size * np.abs(v / size)], axis=1)
+
+
+class _Bristles(Effect):
+    """Friction that builds up over a displacement, of several widths."""
+
+    name, family = "bristles", "friction"
+    doc = Doc(
+        "tau = sum_k f_k z_k,  z_k <- clip(z_k + dq / w_k, -1, 1)",
+        "friction that lags the speed",
+        "reversals",
+        "Al-Bender, Lampaert, Swevers, IEEE Trans. Automatic Control 50(11), 2005",
+    )
+    params = tuple(Param(f"f{k + 1}", "{F}", "friction that builds up") for k in range(len(SLIPS)))
+    traits = Trait.GIVEN
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """States of elements that slip."""
+        low, high = motion.span[j]
+        q, length = np.ascontiguousarray(motion.q[:, j]), max(float(high - low), 1e-9)
+        return np.stack([slip_state(q, length * share) for share in SLIPS], axis=1)
+
+
+def longest_shift(problem: Problem) -> float:
+    """What counts as alignment and not as delay: a twentieth more than one sample [s]."""
+    return 1.05 * max(1.0 / rate for rate in problem.sources)
+
+
+def slow_delay(
+    result: FitResult, j: int, whole: bool = False, friction: bool = False
+) -> tuple[float, float]:
+    """Delay of joint j's effort [s] and its standard error, from the slow motion alone.
+
+    `whole`: of motor and external effort together; `friction`: told from another law
+    of friction, which turns early or is bent over the speed.
+
+    In a closed loop the controller answers the very disturbances that the model leaves over, so
+    noise looks like a delay of several milliseconds where it is fast.  Below a quarter of the
+    effort filter's cut-off the commanded motion dominates: y and all columns are low-passed
+    once more, and  y = X theta + T dtau/dt  is solved there.
+    """
+    made_of = [result.x, result.problem.y]
+    return result.problem.remembered(
+        ("slow delay", j, whole, friction), made_of, lambda: _slow_delay(result, j, whole, friction)
+    )
+
+
+def _slow_delay(result: FitResult, j: int, whole: bool, friction: bool) -> tuple[float, float]:
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+    late = block(problem, Term(_WholeRate() if whole else _Rate(), j))
+    more = [block(problem, Term(_OtherFriction(), j))] if friction else []
+    own = [x[:, np.any(x != 0, axis=0)], *more]
+    rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
+    rows = _slow_runs(rows, problem)
+    dealt = _dealt(rows[:, -2])
+    columns = np.concatenate([rows[:, :-2], dealt], axis=1)
+    b = basis(columns)
+    nothing = np.zeros(columns.shape[1])
+    theta = b.solve(rows[:, -1], nothing, np.zeros(len(rows)))
+    left = rows[:, -1] - columns @ theta
+    # one independent value in SLOW times the filter's own oversampling
+    scale = np.sqrt(np.mean(left**2) * SLOW)
+    own_rows = slice(-dealt.shape[1], None)
+    directions = b.v[own_rows] / (b.s * b.scale[own_rows, None])  # of the pseudo-inverse of R
+    return _agreed(theta[own_rows], scale**2 * directions @ directions.T)
+
+
+def _dealt(late: FloatArray) -> FloatArray:
+    """The column of a lateness (n,) dealt to as many parts (n, PIECES) that tell as much each."""
+    told = np.cumsum(late**2)
+    piece = np.minimum(PIECES * told / max(told[-1], 1e-300), PIECES - 1e-9).astype(int)
+    out: FloatArray = late[:, None] * (piece[:, None] == np.arange(PIECES))
+    return out
+
+
+def _agreed(values: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """What the parts say together, and its standard error by what they differ.
+
+    With weights w = C^-1 1 of the covariance C the mean is  w'T / w'1;  its variance 1 / w'1 is
+    multiplied by  max(1, (T - mean)' C^-1 (T - mean) / (parts - 1)):  noise alone gives 1, and a
+    missing effect that looks late in one stretch and early in another one more.
+
+    Source: Birge, Phys. Rev. 40, 1932, p. 207 (ratio of external and internal consistency).
+    """
+    one = np.ones(values.size)
+    inverse = np.linalg.pinv(covariance)
+    weight = inverse @ one
+    total = float(weight @ one)
+    if total <= 0.0:
+        return 0.0, float("inf")
+    mean = float(weight @ values) / total
+    apart = values - mean
+    ratio = float(apart @ inverse @ apart) / max(values.size - 1, 1)
+    return mean, float(np.sqrt(max(ratio, 1.0) / total))
+
+
+def _slow(x: FloatArray, problem: Problem) -> FloatArray:
+    cutoff = problem.rates.effort / SLOW / (problem.rate / 2)
+    sos = scipy.signal.butter(2, cutoff, output="sos")
+    pad = min(30, len(x) - 1)
+    return np.asarray(scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=pad))
+
+
+def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> bool:
+    """Whether a delay found over the whole band is one of the slow motion, too.
+
+    It must exceed there by `CLEAR` standard errors one sample, or what the other joints have in
+    common with it, and not be a small part of `delay` [s]: a lag that grows with frequency is the
+    answer to noise, or a coarse encoder's.
+    """
+    late, error = slow_delay(result, j, whole)
+    sure = abs(late) - CLEAR * error > _alignment(result, j, whole)
+    return sure and abs(late) > abs(delay) / 3
+
+
+def _alignment(result: FitResult, j: int, whole: bool) -> float:
+    """Lateness [s] that may be how the recording was made and no joint's own delay.
+
+    All joints share their stamps: beside others that are in time, one that is not is late itself,
+    be it by less than a sample.
+    """
+    problem = result.problem
+    others = [k for k in np.flatnonzero(~problem.holds).tolist() if k != j]
+    seen = [slow_delay(result, k, whole) for k in others]
+    known = [abs(late) + CLEAR * error for late, error in seen]
+    return min([longest_shift(problem), *([max(known)] if known else [])])
+
+
+def sample_shift(result: FitResult) -> tuple[float, float]:
+    """Delay of the effort against the motion [s], common to all joints, and its standard error.
+
+    Zero beyond one sample.
+
+    Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
+    apart from friction that turns before the speed does, or is bent over the speed.  The median
+    over joints, weighted by what each can tell, so that one joint's real delay or hysteresis does
+    not shift the others.
+
+    Any alignment within one sample is as likely as another before the data are seen, with a
+    standard deviation s of half a sample.  Of an estimate T with error e what is taken out is
+
+        T s^2 / (s^2 + e^2).
+    """
+    problem = result.problem
+    if result.model.explains != "motor":
+        return 0.0, 0.0
+    late = {t.joint for t in result.terms if Trait.SHIFTS in t.effect.traits}
+    longest = longest_shift(problem)
+    seen = [slow_delay(result, j, friction=True) for j in sorted(set(range(problem.d)) - late)]
+    seen = [(value, error) for value, error in seen if error < KNOWN * longest]
+    shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
+    if abs(shift) > longest:
+        return 0.0, error
+    spread = KNOWN * longest
+    shift *= spread**2 / (spread**2 + error**2)
+    return (shift if abs(shift) >= longest / FINEST else 0.0), error
+
+
+def recorded_late(result: FitResult) -> float:
+    """Delay (negative) [s] of efforts that were recorded late by more than a sample, or 0.
+
+    Some joint must be so beyond its error; by how much, the joints say together: of all shifts up
+    to `LATEST` the one whose slow motion leaves least,
+
+        min_T  sum_j log |(1 - Q_j Q_j') y_j(t + T)|,
+
+    Q_j the columns of the model and of other laws of friction on joint j, all coefficients free.
+    No joint may lose by it.
+    """
+    problem = result.problem
+    longest, moves = longest_shift(problem), np.flatnonzero(~problem.holds).tolist()
+    if problem.shift >= -longest:
+        told = [slow_delay(result, j, friction=True) for j in moves]
+        if not any(value + CLEAR * error < -longest for value, error in told):
+            return 0.0
+    step = max(1.0 / min(problem.sources), LATEST / MOST_SHIFTS)
+    shifts = -step * np.arange(int(LATEST / step) + 1)
+    left = np.array([[_left(result, j, s) for j in moves] for s in shifts])
+    best = int(np.argmin(np.log(np.maximum(left, 1e-300)).sum(axis=1)))
+    return float(shifts[best]) if best and np.all(left[best] < (1 + LESS) * left[0]) else 0.0
+
+
+def _left(result: FitResult, j: int, shift: float) -> float:
+    """Norm of what the model leaves of joint j's slow effort when its motor's is shifted.
+
+    Beside another law of friction, which looks late where the model's own is of another form.
+    """
+    problem = result.problem
+    key = ("slow basis", j)
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+
+    def made() -> FloatArray:
+        more = block(problem, Term(_OtherFriction(), j))
+        own = _slow_runs(np.concatenate([x[:, np.any(x != 0, axis=0)], more], axis=1), problem)
+        return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
+
+    q = problem.remembered(key, [result.x], made)
+    later = Alignment(shift)
+    late = [later(m.tau[:, [j]], m.t) - m.tau[:, [j]] for m in problem.motions]
+    y = _slow_runs(problem.y[j][:, None] + problem.gated(late, j), problem)[:, 0]
+    return float(np.linalg.norm(y - q @ (q.T @ y)))
+
+
+def _slow_runs(x: FloatArray, problem: Problem) -> FloatArray:
+    """Columns (n, m) of several runs, slow part of each run by itself."""
+    return np.concatenate([_slow(x[problem.run == k], problem) for k in np.unique(problem.run)])
+
+
+def _middle(seen: Sequence[tuple[float, float]], finest: float) -> tuple[float, float]:
+    """Median of values, each with the weight of its standard error, and its own standard error.
+
+    No value counts for more than one that is known to `finest`.  The error is that of the values'
+    own errors e, or of what they differ by if that is more (Birge, as in `_agreed`):
+
+        1 / sqrt(sum 1 / e^2)  max(1, chi),   chi^2 = sum ((T - middle) / e)^2 / (joints - 1).
+    """
+    value, error = np.array(seen).T
+    order, least = np.argsort(value), np.maximum(error, finest)
+    weight = np.cumsum(1.0 / least[order] ** 2)
+    middle = float(value[order][np.searchsorted(weight, weight[-1] / 2)])
+    chi = np.sqrt(np.sum(((value - middle) / least) ** 2) / max(value.size - 1, 1))
+    return middle, float(max(1.0, chi) / np.sqrt(np.sum(1.0 / error**2)))
+
+
+def left_free(result: FitResult, bristles: bool = False) -> FloatArray:
+    """Relative error of each moving joint with all coefficients of its own.
+
+    `bristles`: beside friction that builds up, and that is bent over the speed.
+    """
+    problem, out = result.problem, []
+    for j in np.flatnonzero(~problem.holds).tolist():
+        x = result.x.reshape(problem.d, problem.n, -1)[j]
+        own = x[:, np.any(x != 0, axis=0)]
+        if bristles:
+            more = [block(problem, Term(e, j)) for e in (_Bristles(), _OtherFriction())]
+            own = np.concatenate([own, *more], axis=1)
+        q = scipy.linalg.qr(own, mode="economic")[0]
+        y = problem.y[j]
+        size = max(float(np.linalg.norm(problem.effort[j])), 1e-300)
+        out.append(max(float(np.linalg.norm(y - q @ (q.T @ y))) / size, 1e-12))
+    return np.array(out)
