@@ -19,6 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.constants import BEYOND, DISCREPANCY
 from hil.diagnosis.evidence import try_all
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
@@ -199,6 +200,33 @@ def rated(
             )
         )
     return out
+
+
+def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
+    """Of the candidates that do as well as the best one, the one with the least to fit.
+
+    As well: within what a library's law misses of its effect.
+    """
+    best = max(rated, key=score)
+    alike = [r for r in rated if _alike(r, best)]
+    return min([best, *alike], key=lambda r: (*_values(r.candidate), -score(r)))
+
+
+def _alike(r: Rated, best: Rated) -> bool:
+    """Whether a candidate does as well as the best: surely no worse, or with less to fit."""
+    close = r.after - best.after <= DISCREPANCY * best.removed
+    fewer = r.candidate.dof < best.candidate.dof
+    return bool(close and (fewer or paired(best.fall - r.fall) < BEYOND))
+
+
+def values_of(r: Rated) -> tuple[int, float]:
+    """Values that a rated candidate fits, and what it leaves."""
+    return r.candidate.dof, r.after
+
+
+def _values(c: Candidate) -> tuple[int, int]:
+    """Values that a candidate fits, and shape values that its law has."""
+    return c.dof, len(c.term.shape)
 
 
 #: Shrinkage of a free function's coefficients, in units of their own columns [1].

@@ -24,6 +24,7 @@ from hil.diagnosis.candidates import (
     model_groups,
     paired,
     rate,
+    simplest,
     tried,
 )
 from hil.diagnosis.constants import (
@@ -44,7 +45,8 @@ from hil.diagnosis.evidence import (
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
-from hil.diagnosis.search import Search, Visited, simplest, without
+from hil.diagnosis.remodel import without
+from hil.diagnosis.search import Search, Visited
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
 from hil.identify.design import Term, replaced

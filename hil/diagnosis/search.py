@@ -7,7 +7,7 @@ judged by is what is left now, on blocks that it was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import progress
-from hil.diagnosis import artefacts, rules
+from hil.diagnosis import artefacts, remodel, rules
 from hil.diagnosis.attribution import as_use
-from hil.diagnosis.candidates import Rated, model_groups, paired, rate, tried
-from hil.diagnosis.constants import ADEQUATE, BEYOND, DISCREPANCY, HALF, RISEN, WORTH
+from hil.diagnosis.candidates import Rated, model_groups, paired, rate, simplest, tried, values_of
+from hil.diagnosis.constants import ADEQUATE, BEYOND, HALF, RISEN, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
     EFFECT,
@@ -32,18 +32,19 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
+from hil.diagnosis.remodel import without
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
-from hil.identify.design import Term, prefix, replaced
+from hil.identify.design import replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.shape_search import bluntest, together
+from hil.identify.shape_search import bluntest
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import RobotModel, Use
+from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
 
@@ -288,14 +289,14 @@ class Search:
             self.found, self.stops, self.fired = kept
             return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
-        self.rungs.append(self.rung("kept", _kept(named.model), named.sigma))
+        self.rungs.append(self.rung("kept", remodel.kept(named.model), named.sigma))
         table = catalogue.table()
         self.refused = {k for k in self.refused if Trait.CORRECTION not in table[k[0]].traits}
         self._corrected(joints, CORRECTION)
         self.found, self.stops, self.fired = kept
         del self.rungs[first]
         for rung in self.rungs[first:]:
-            rung.step = replace(rung.step, result=_freed(rung.result, named))
+            rung.step = replace(rung.step, result=remodel.freed(rung.result, named))
         return self.rungs[start:]
 
     def reformed(self, some: Sequence[Candidate]) -> list[int]:
@@ -310,23 +311,10 @@ class Search:
         """
         changed = []
         for c in some:
-            now, own = self.now, c.term.effect
-            terms = {t.key: t for t in now.result.terms}
-            term, dry = (
-                terms.get(c.term.key),
-                [t for t in terms.values() if t.joint == c.joint and Trait.DRY in t.effect.traits],
-            )
-            forms = {s[1:] for s in self.problem.grid(own, c.term.joint)}
-            sized = bool(own.shape) and own.shape[0].size
-            if term is None or not dry or not sized or own.scope.whole or len(forms) < 2:
+            now = self.now
+            model = remodel.other_form(self.problem, now.result, c)
+            if model is None:
                 continue
-            renew(now.result)
-            found = together(self.problem, now.result.terms, now.result.sigma, term, dry[0])
-            if found is None:
-                continue
-            model = now.result.model
-            for t in found:
-                model = _reshaped(model, t, self.problem)
             rung = self.rung(now.step.label, model, now.result.sigma)
             fall = (now.errors.squared - rung.errors.squared)[:, c.joint]
             if paired(fall) < RISEN or _missed(rung.errors, now.errors, self._moves):
@@ -369,7 +357,7 @@ class Search:
         The lower one then takes its place, and the corrections are gone.
         """
         last, before = self.now, self.rungs[-1 - corrections]
-        model = _uncorrected(last.result.model)
+        model = remodel.uncorrected(last.result.model)
         rung = self.rung(before.step.label, model, last.result.sigma)
         old, new = (
             np.stack([x.errors.rms, x.step.heldout.rms])[:, self._moves] for x in (before, rung)
@@ -393,8 +381,8 @@ class Search:
         if not joints:
             return {}
         last, stops, fired = self.now, dict(self.stops), dict(self.fired)
-        rest = _uncorrected(last.result.model)
-        self.rungs.append(self.rung("without", _held(rest), last.result.sigma))
+        rest = remodel.uncorrected(last.result.model)
+        self.rungs.append(self.rung("without", remodel.held(rest), last.result.sigma))
         evidence, rated = self.evidence(joints)
         with rules.without("discrepancy"):
             good = [r for r in rated if self.pays(r, evidence)]
@@ -410,7 +398,7 @@ class Search:
         most = float(last.errors.power[j])
         some = [r for r in good if r.joint == j and r.removed > HALF * (r.before - most)]
         out = []
-        for r in sorted(some, key=_values_of)[:HINTS]:
+        for r in sorted(some, key=values_of)[:HINTS]:
             model = rest + as_use(r.candidate, self.problem)
             rung = self.rung("in place", model, last.result.sigma)
             if rung.errors.power[j] < ADEQUATE**2 * most:
@@ -620,97 +608,6 @@ def _score(r: Rated) -> float:
     return r.removed / max(r.before, 1e-300)
 
 
-def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
-    """A model without an effect that was added on one joint."""
-    use = as_use(c, problem)
-    rest = tuple(u for u in model.effects if _place(u) != _place(use))
-    return replace(model, effects=rest)
-
-
-def _reshaped(model: RobotModel, term: Term, problem: Problem) -> RobotModel:
-    """A fitted model with other shape values of one of its terms."""
-    head = prefix(term, problem.joints)
-    values = {f"{head}.{p.name}": x for p, x in zip(term.effect.shape, term.shape, strict=True)}
-    use = model.effects[term.use]
-    new = {n: replace(v, value=values.get(n, v.value)) for n, v in use.values.items()}
-    effects = list(model.effects)
-    effects[term.use] = replace(use, values=new)
-    return replace(model, effects=tuple(effects))
-
-
 def _missed(rest: BlockErrors, now: BlockErrors, joints: Sequence[int]) -> bool:
     """Whether the error of a joint is larger without an effect by what would be worth a name."""
     return any(rest.power[j] > (1 + WORTH / 2) ** 2 * now.power[j] for j in joints)
-
-
-def _place(use: Use) -> tuple[str, tuple[str, ...], bool]:
-    """What tells the uses of an effect in a model apart."""
-    return use.type, use.joints, bool(use.options.get("per_run"))
-
-
-#: Options of an effect whose values stay.
-KEPT = {"fixed": True, "fixed_shape": True}
-
-
-def _kept(model: RobotModel) -> RobotModel:
-    """A fitted model whose values stay; but those that every run has by itself."""
-    effects = tuple(
-        u if u.options.get("per_run") else replace(u, options={**u.options, **KEPT})
-        for u in model.effects
-    )
-    return replace(model, effects=effects)
-
-
-def _uncorrected(model: RobotModel) -> RobotModel:
-    """A fitted model without its corrections; what stands for a description stays."""
-    table = catalogue.table()
-    gone = {n for n, e in table.items() if e.traits & Trait.CORRECTION and not _stands(e.traits)}
-    return replace(model, effects=tuple(u for u in model.effects if u.type not in gone))
-
-
-def _stands(traits: Trait) -> bool:
-    """Whether a correction stands for the robot's geometry."""
-    return bool(traits & Trait.GEOMETRY)
-
-
-def _held(model: RobotModel) -> RobotModel:
-    """A fitted model with its shapes held."""
-    held = {"fixed_shape": True}
-    return replace(
-        model, effects=tuple(replace(u, options={**u.options, **held}) for u in model.effects)
-    )
-
-
-def _freed(result: FitResult, named: FitResult) -> FitResult:
-    """A fit with the effects and values of another one beside its own corrections."""
-    own = {_place(u): u for u in named.model.effects}
-    effects = tuple(own.get(_place(u), u) for u in result.model.effects)
-    model = replace(result.model, effects=effects)
-    return replace(result, model=model, values={**result.values, **named.values})
-
-
-def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:
-    """Of the candidates that do as well as the best one, the one with the least to fit.
-
-    As well: within what a library's law misses of its effect.
-    """
-    best = max(rated, key=score)
-    alike = [r for r in rated if _alike(r, best)]
-    return min([best, *alike], key=lambda r: (*_values(r.candidate), -score(r)))
-
-
-def _alike(r: Rated, best: Rated) -> bool:
-    """Whether a candidate does as well as the best: surely no worse, or with less to fit."""
-    close = r.after - best.after <= DISCREPANCY * best.removed
-    fewer = r.candidate.dof < best.candidate.dof
-    return bool(close and (fewer or paired(best.fall - r.fall) < BEYOND))
-
-
-def _values_of(r: Rated) -> tuple[int, float]:
-    """Values that a rated candidate fits, and what it leaves."""
-    return r.candidate.dof, r.after
-
-
-def _values(c: Candidate) -> tuple[int, int]:
-    """Values that a candidate fits, and shape values that its law has."""
-    return c.dof, len(c.term.shape)
