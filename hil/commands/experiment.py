@@ -144,18 +144,24 @@ def _replicated(args: argparse.Namespace, page: StudyPage, many: int) -> Found:
         raise DataError(f"no seed gave a number; {lost[0]}")
     told = plural(many, "seed") if not lost else f"{len(good)} of {plural(many, 'seed')}"
     told += f" ({'; '.join(lost)})" if lost else ""
-    found = means(page, good)
+    found, tested = means(page, good), page.test(good)
     if args.report:
         place = Path(args.report).with_suffix(".svg")
         command = made_with(args.name, args.report, args.seed, f" --seeds {many}")
-        terminal.write_page(args.report, page_text(page, found, command, told, place.name))
+        page_told = page_text(page, found, command, told, place.name, tested)
+        terminal.write_page(args.report, page_told)
         if figure := picture(page, found):
             write_text(place, figure)
     lines = [f"{page.title}: {told}; mean and 95 % interval of the mean", ""]
-    lines += [terminal.table(page.head, cells(found)), "", f"Thesis: {page.thesis}"]
-    lines += [f"  - {line}" for line in page.read(found)]
+    lines += [terminal.table(page.head, cells(found)), ""]
+    if tested:
+        lines += [tested.title, "", terminal.table(tested.head, tested.rows), ""]
+    lines += [f"Thesis: {page.thesis}"]
+    lines += [f"  - {x}" for x in [*page.read(found), *(tested.read if tested else [])]]
     data = {name: [dataclasses.asdict(s) for s in row] for name, row in found.items()}
     told_of = {"seeds": seeds, "failed": lost, "columns": page.head[1:]}
+    if tested:
+        told_of["test"] = dataclasses.asdict(tested)
     return "\n".join(lines), {**told_of, "means": data}
 
 

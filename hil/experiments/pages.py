@@ -56,6 +56,28 @@ Means = Mapping[str, Sequence[SeedMean]]
 
 
 @dataclass(frozen=True)
+class PageTest:
+    """A statistical test over the runs of a page.
+
+    Parameters
+    ----------
+    title : str
+        What is tested, and how.
+    head : tuple of str
+        Heads of the columns.
+    rows : list of list of str
+        Cells.
+    read : list of str
+        Sentences: what it says, and what the thesis' says.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: list[list[str]]
+    read: list[str]
+
+
+@dataclass(frozen=True)
 class StudyPage:
     """What a study's page says beside its numbers.
 
@@ -77,6 +99,8 @@ class StudyPage:
         Columns of numbers that the figure shows.
     only : callable
         Which rows the figure shows, by name.
+    test : callable
+        A test over all runs, which the means do not tell; None where there is none.
     """
 
     title: str
@@ -88,6 +112,7 @@ class StudyPage:
     figure: str = ""
     bars: tuple[int, ...] = (0,)
     only: Callable[[str], bool] = lambda name: True
+    test: Callable[[Sequence[Data]], PageTest | None] = lambda runs: None
 
 
 def means(page: StudyPage, runs: Sequence[Data]) -> dict[str, list[SeedMean]]:
@@ -126,7 +151,14 @@ def made_with(name: str, report: str, seed: int, more: str = "") -> str:
     return f"hil experiment {name}{more}{first} --report {Path(report).name}"
 
 
-def text(page: StudyPage, found: Means, command: str, seeds: str, picture_name: str) -> str:
+def text(
+    page: StudyPage,
+    found: Means,
+    command: str,
+    seeds: str,
+    picture_name: str,
+    tested: PageTest | None = None,
+) -> str:
     """The page; `seeds` says how many there were, and which gave no number and why."""
     figure = ["", f"![{page.figure}]({picture_name})"] if page.figure else []
     lines = [
@@ -137,18 +169,26 @@ def text(page: StudyPage, found: Means, command: str, seeds: str, picture_name: 
         page.about,
         *figure,
         "",
-        "| " + " | ".join(page.head) + " |",
-        "|" + "---|" * len(page.head),
-        *("| " + " | ".join(row) + " |" for row in cells(found)),
+        *_table(page.head, cells(found)),
         "",
+        *([tested.title, "", *_table(tested.head, tested.rows), ""] if tested else []),
         "## The thesis, and here",
         "",
         f"**Thesis.** {page.thesis}",
         "",
-        *(f"- {line}" for line in page.read(found)),
+        *(f"- {line}" for line in [*page.read(found), *(tested.read if tested else [])]),
         "",
     ]
     return "\n".join(lines)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table in Markdown."""
+    return [
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+        *("| " + " | ".join(row) + " |" for row in rows),
+    ]
 
 
 # ------------------------------------------------------------ figures
