@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import re
 import time
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -42,7 +44,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=int, default=0, help="so many seeds; means with their 95 %% intervals"
     )
-    parser.add_argument("--quick", action="store_true", help="two seeds; a part of hidden-effect")
+    parser.add_argument(
+        "--quick", action="store_true", help="two seeds, and less of each; the answer says what"
+    )
     common.add_workers(parser)
     parser.add_argument(
         "--keep",
@@ -79,22 +83,30 @@ def _every(args: argparse.Namespace) -> int:
     """All studies after one another, and their times."""
     if args.report:
         raise ConfigError("--report is the page of one study; give its name in place of --all")
-    found, took = {}, {}
+    found, took, spent = {}, {}, {}
     for name in EXPERIMENTS:
         own = argparse.Namespace(**{**vars(args), "name": name})
         if page_of(name) is None:  # it has its own seeds
             own.seeds, own.cluster, own.keep = 0, "", None
-        began = time.perf_counter()
+        began, used = time.perf_counter(), _processor()
         text, data = _study(own)
         took[name], found[name] = time.perf_counter() - began, terminal.finite(data)
+        spent[name] = _processor() - used
         if not args.json:
             terminal.out(f"{text}\n")
     if args.json:
-        terminal.emit({"schema": "hil.experiment/1", "studies": found, "seconds": took})
+        times = {"seconds": took, "processor_seconds": spent}
+        terminal.emit({"schema": "hil.experiment/1", "studies": found, **times})
     else:
-        rows = [[name, f"{s:.0f}"] for name, s in [*took.items(), ("all", sum(took.values()))]]
-        terminal.out(terminal.table(["study", "s"], rows))
+        rows = [[name, f"{s:.0f}", f"{spent[name]:.0f}"] for name, s in took.items()]
+        rows.append(["all", f"{sum(took.values()):.0f}", f"{sum(spent.values()):.0f}"])
+        terminal.out(terminal.table(["study", "s", "processor s"], rows))
     return 0
+
+
+def _processor() -> float:
+    """Time that processors gave this process and those that it has ended [s]."""
+    return sum(os.times()[:4])
 
 
 def _study(args: argparse.Namespace) -> Found:
@@ -127,14 +139,16 @@ def _replicated(args: argparse.Namespace, page: StudyPage, many: int) -> Found:
     """A study with many seeds: the table of means, and the page."""
     seeds = list(range(args.seed, args.seed + many))
     shown = not (args.quiet or args.json)
+    short = args.quick and bool(page.quick)
+    kept = Path(args.keep) / "quick" if args.keep and short else args.keep
     with tqdm(total=many, unit="seed", disable=None if shown else True, leave=False) as bar:
         runs = replicate(
-            data_of,
+            partial(data_of, quick=short),
             args.name,
             seeds,
             workers=args.workers,
             cluster=args.cluster,
-            folder=args.keep,
+            folder=kept,
             version=made_by(),
             done=lambda _: bar.update(),
         )
@@ -144,10 +158,12 @@ def _replicated(args: argparse.Namespace, page: StudyPage, many: int) -> Found:
         raise DataError(f"no seed gave a number; {lost[0]}")
     told = plural(many, "seed") if not lost else f"{len(good)} of {plural(many, 'seed')}"
     told += f" ({'; '.join(lost)})" if lost else ""
+    told += f"; quick, {page.quick}" if short else ""
     found, tested = means(page, good), page.test(good)
     if args.report:
         place = Path(args.report).with_suffix(".svg")
-        command = made_with(args.name, args.report, args.seed, f" --seeds {many}")
+        more = " --quick" * short + f" --seeds {many}"
+        command = made_with(args.name, args.report, args.seed, more)
         page_told = page_text(page, found, command, told, place.name, tested)
         terminal.write_page(args.report, page_told)
         if figure := picture(page, found):
@@ -170,9 +186,9 @@ def _reason(text: str) -> str:
     return re.sub(r"\S*/([^/\s]+)", r"\1", text.partition(";")[0]).rstrip(".")
 
 
-def data_of(name: str, seed: int) -> dict[str, Any]:
+def data_of(name: str, seed: int, quick: bool = False) -> dict[str, Any]:
     """Data of a study with one seed, as ``--json`` prints them."""
-    words = argparse.Namespace(name=name, seed=seed, quick=False, workers=1, report=None)
+    words = argparse.Namespace(name=name, seed=seed, quick=quick, workers=1, report=None)
     with silent():  # many say it together
         _, data = EXPERIMENTS[name].load()(words)
     out: dict[str, Any] = terminal.finite(data)

@@ -101,6 +101,8 @@ class StudyPage:
         Which rows the figure shows, by name.
     test : callable
         A test over all runs, which the means do not tell; None where there is none.
+    quick : str
+        What ``--quick`` leaves out of a run; empty for nothing.
     """
 
     title: str
@@ -113,6 +115,7 @@ class StudyPage:
     bars: tuple[int, ...] = (0,)
     only: Callable[[str], bool] = lambda name: True
     test: Callable[[Sequence[Data]], PageTest | None] = lambda runs: None
+    quick: str = ""
 
 
 def means(page: StudyPage, runs: Sequence[Data]) -> dict[str, list[SeedMean]]:

@@ -28,6 +28,7 @@ import numpy as np
 from scipy import stats
 
 from hil import registry, terminal
+from hil.errors import plural
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
 from hil.experiments.pages import Data, Means, PageTest, Rows, StudyPage
@@ -42,7 +43,7 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.terminal import Found
 from hil.toml import parse
 
-HZ, _TRIALS = 1.0, 6
+HZ, _TRIALS, _QUICK_TRIALS = 1.0, 6, 1
 #: Stiffness of the gel, and over the bolt [N/m^1.3].
 _GEL, _BOLT = 250.0, 400.0
 #: Named designs beside the optimised one: the measure, half as stiff as that may be, and one that
@@ -306,7 +307,7 @@ def _shift(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]
 
 def command(args: argparse.Namespace) -> Found:
     """Share of a bolt in a gel that the operator feels, against the prediction."""
-    rows, p = study(args.seed, terminal.log)
+    rows, p = study(args.seed, terminal.log, _QUICK_TRIALS if args.quick else _TRIALS)
     cells = [
         [
             r.controller,
@@ -398,9 +399,9 @@ def _page_test(runs: Sequence[Data]) -> PageTest:
     n = len(runs)
     title = (
         f"Exact two-sided Mann-Whitney tests (U, p, and p after Holm) over {n} seeds, a seed "
-        f"with the mean of its {len(single[MEASURE]) // n} trials. *Shift*: median of all "
-        "differences, the second less the first, and the outermost ones that the test does not "
-        "refuse on the 5 % level."
+        f"with the mean of its {plural(len(single[MEASURE]) // n, 'trial')}. *Shift*: median of "
+        "all differences, the second less the first, and the outermost ones that the test does "
+        "not refuse on the 5 % level."
     )
     head = ("pair", "predicted", "found", "shift", "U", "p", "p, Holm")
     return PageTest(title, head, rows, _page_tested(found, sigma, single))
@@ -478,4 +479,5 @@ PAGE = StudyPage(
     "Sensitivity, measured and predicted",
     (0, 1),
     test=_page_test,
+    quick=f"{_QUICK_TRIALS} press of {_TRIALS} and {_QUICK_TRIALS} stroke of {_TRIALS // 2} a seed",
 )

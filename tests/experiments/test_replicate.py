@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import multiprocessing
@@ -25,7 +26,7 @@ from hil.cli import main
 from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
 from hil.experiments import friction_network
-from hil.experiments.pages import SeedMean, bars, lines, means
+from hil.experiments.pages import SeedMean, StudyPage, bars, lines, means
 from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
@@ -216,6 +217,13 @@ def test_every_page_is_in_the_documentation_with_its_command(name):
 
 
 @pytest.mark.parametrize("name", experiment.EXPERIMENTS)
+def test_every_page_is_of_ten_seeds(name):
+    docs = Path(__file__).parents[2] / "docs" / "experiments"
+    told = (docs / f"{name}.md").read_text(encoding="utf-8")
+    assert re.search(r"`: (?:9 of )?10 seeds|rig: 10 seeds", told)
+
+
+@pytest.mark.parametrize("name", experiment.EXPERIMENTS)
 def test_the_results_say_the_seeds_of_every_study(name):
     docs = Path(__file__).parents[2] / "docs"
     page = (docs / "experiments" / f"{name}.md").read_text(encoding="utf-8")
@@ -235,6 +243,80 @@ def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
     assert list(data["studies"]) == list(data["seconds"]) == list(few)
     assert data["studies"]["elastic-ukf"]["parameters"]["k1"] > 0
     assert min(data["seconds"].values()) > 0
+    assert list(data["processor_seconds"]) == list(few)
+
+
+def test_the_times_of_all_studies_are_those_of_their_processes_too(capsys, monkeypatch):
+    """What the processes of a study took counts, beside this one's waiting for them."""
+    busy = "import time\nwhile time.process_time() < 1.2: pass"
+
+    def study(args):
+        subprocess.run([sys.executable, "-c", busy], check=True)
+        return args.name, {}
+
+    monkeypatch.setattr(experiment, "_study", study)
+    monkeypatch.setattr(experiment, "EXPERIMENTS", {"fsf": experiment.EXPERIMENTS["fsf"]})
+    assert main(["experiment", "--all"]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[0] == "fsf"
+    for name, row in zip(("fsf", "all"), table[-2:], strict=True):
+        said, seconds, processor = row.split()
+        assert said == name and int(processor) >= 1 and int(seconds) >= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "less", "whole"),
+    [
+        ("palpation", {"trials": 1}, {"trials": 6}),
+        ("transparency", {"hz": (1.0, 4.0)}, {"hz": (0.5, 1.0, 2.0, 4.0)}),
+        ("fsf", {"hz": (0.5, 4.0)}, {"hz": (0.5, 1.0, 2.0, 4.0)}),
+    ],
+)
+def test_a_quick_study_is_less_of_each_seed_and_says_what(name, less, whole, monkeypatch):
+    module = sys.modules[PAGES[name].rows.__module__]
+    signature, asked = inspect.signature(module.study), []
+
+    class EnoughError(Exception):
+        pass
+
+    def study(*given):
+        asked.append(dict(signature.bind(*given).arguments))
+        raise EnoughError
+
+    monkeypatch.setattr(module, "study", study)
+    for quick, right in ((True, less), (False, whole)):
+        with pytest.raises(EnoughError):
+            experiment.data_of(name, 7, quick)
+        assert asked[-1]["seed"] == 7
+        assert {k: asked[-1][k] for k in right} == right
+    assert PAGES[name].quick
+
+
+def test_the_page_of_a_quick_study_says_so_and_its_runs_are_kept_apart(tmp_path, monkeypatch):
+    def told(name, seed, quick=False):
+        asked.append(quick)
+        return {"rows": [{"name": "a", "x": float(seed + quick)}]}
+
+    page = StudyPage(
+        "A title",
+        "About.",
+        "Nothing.",
+        ("row", "x"),
+        lambda data: {r["name"]: (r["x"],) for r in data["rows"]},
+        lambda found: [],
+        quick="half of it",
+    )
+    asked = []
+    monkeypatch.setattr(experiment, "data_of", told)
+    monkeypatch.setattr(experiment, "page_of", lambda name: page)
+    at, kept = tmp_path / "p.md", tmp_path / "kept"
+    words = ["experiment", "fsf", "--keep", str(kept), "--workers", "1", "--report", str(at)]
+    assert main([*words, "--quick"]) == 0
+    text = at.read_text(encoding="utf-8")
+    assert "`hil experiment fsf --quick --seeds 2 --report p.md`: 2 seeds; quick, half of" in text
+    assert main([*words, "--seeds", "2"]) == 0
+    assert "`hil experiment fsf --seeds 2 --report p.md`: 2 seeds; mean" in at.read_text("utf-8")
+    assert asked == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
