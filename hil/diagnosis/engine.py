@@ -195,6 +195,8 @@ def _concluded(
     needed there.
     """
     progress.at("compare with rivals", 0.2)
+    if joints := search.rounded():
+        search.forward(joints)
     if joints := search.reformed(search.found):
         search.forward(joints)
     named = exchange(search)

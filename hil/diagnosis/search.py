@@ -40,7 +40,7 @@ from hil.identify.design import replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.shape_search import bluntest
+from hil.identify.shape_search import bluntest, rounder
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -324,6 +324,62 @@ class Search:
             self.rungs[-1], self._tried = rung, None
             changed.append(c.joint)
         return changed
+
+    def rounded(self) -> list[int]:
+        """Signs that turn over a wider speed than their range, where no effect says as much.
+
+        Friction of bearings, grease and seals may set in over a good part of the speed.  From the
+        start such a sign would imitate bristles, filters and play; so it is tried when these have
+        had their turn, beside each of them and in its place.
+
+        Returns
+        -------
+        list of int
+            Joints on which one was found.
+        """
+        return [j for j in self._moves if self._rounded(j)]
+
+    def _rounded(self, j: int) -> bool:
+        """Whether joint j has a wider sign now, beside all that was found on it or but for one."""
+        now, known = self.now, dict(self.problem.least)
+        for gone in (None, *[c for c in self.found[::-1] if c.joint == j]):
+            rung = self._with_wider_sign(j, gone)
+            if rung and self._does_better(rung, j, gone):
+                if gone:
+                    self.rungs.append(rung)
+                    self.found.remove(gone)
+                    self.refused.add((gone.name, gone.term.joint))
+                else:
+                    rung.added = now.added
+                    self.rungs[-1] = rung
+                self._tried = None
+                return True
+            self.problem.least.clear()
+            self.problem.least.update(known)
+        renew(now.result)
+        return False
+
+    def _with_wider_sign(self, j: int, gone: Candidate | None) -> Visited | None:
+        """The model with a wider sign on joint j, or without an effect; None where none is wider."""
+        now, label, beside = self.now, self.now.step.label, self.now.result
+        renew(beside)
+        if gone:
+            label = f"- {describe(gone, self.problem)}"
+            beside = self.rung(
+                label, without(beside.model, gone, self.problem), beside.sigma
+            ).result
+        v0 = rounder(beside, j)
+        if v0 is None:
+            return None
+        self.problem.least["coulomb", j] = v0
+        return self.rung(label, beside.model, now.result.sigma)
+
+    def _does_better(self, rung: Visited, j: int, gone: Candidate | None) -> bool:
+        """Whether a wider sign lowers joint j's error clearly; in the place of an effect, at all."""
+        now = self.now.errors
+        sure = paired((now.squared - rung.errors.squared)[:, j]) > (0.0 if gone else RISEN)
+        small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
+        return sure and not small and not _missed(rung.errors, now, self._moves)
 
     def blunted(self) -> None:
         """Signs as blunt as the fitted runs allow, once nothing pays any more.

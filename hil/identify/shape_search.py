@@ -24,7 +24,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
-from hil.models.effect import Trait, Waves, alone
+from hil.models.effect import Trait, Waves, alone, typical_speed
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -278,6 +278,39 @@ def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], floa
         if last > v0:
             out[t.key] = last
     return out
+
+
+#: Largest resolution of the sign that is looked for beyond its range, over the typical speed: a
+#: wider one is viscous friction.
+ROUNDEST = 1.0
+
+
+def rounder(result: FitResult, j: int) -> float | None:
+    """The resolution of joint j's sign that leaves least, beyond the range of its search.
+
+    None where the least lies within the range, or friction has no range there.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    j : int
+        The joint.
+    """
+    problem = result.problem
+    for t in result.terms:
+        if Trait.DRY not in t.effect.traits or t.fixed_shape or t.joint != j:
+            continue
+        (most,) = problem.grid(t.effect, j)[-1]
+        last = ROUNDEST * typical_speed(problem.motions[0], j)
+        tries = int(np.log(max(last / most, 1.0)) / np.log(BLUNTER)) + 1
+        values = [most * BLUNTER**k for k in range(tries)]
+        projector = Projector(problem, [x for x in result.terms if x is not t], result.sigma)
+        with problem.aside():
+            gains = [projector.gain(t.reshaped((x, *t.shape[1:]))) for x in values]
+        best = int(np.argmax(gains))
+        return values[best] if best else None
+    return None
 
 
 def searched(
