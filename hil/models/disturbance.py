@@ -1,4 +1,4 @@
-"""What changes with time and not with the motion: friction that warms up, a steady hum."""
+"""What changes with time and not with the motion: friction or an offset that drifts, a hum."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from hil.models.effect import (
     Over,
     Param,
     Relations,
+    Scope,
     Shapes,
     Sight,
     Trait,
@@ -49,7 +50,7 @@ SHORTEST_DRIFT = 0.1
 WARMS_UP = 5.0
 
 
-def _friction_drift_lasts(f: Fitted) -> bool:
+def _drift_lasts(f: Fitted) -> bool:
     """What is over within a tenth of the run is no drift: that run began differently.
 
     Nor is what no part of a machine warms up in.
@@ -58,7 +59,7 @@ def _friction_drift_lasts(f: Fitted) -> bool:
     return bool(f.shape[1]) or f.shape[0] > 1.01 * shortest
 
 
-def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
+def _drift_grid(motion: Motion, j: int) -> Shapes:
     """Temperature where it was recorded; a tenth of the run to three times its length.
 
     What warms up is a state and time only its clock: time is for a run without a thermometer, or
@@ -68,6 +69,21 @@ def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
     times = [(x, 0.0) for (x,) in log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
     return [(length, 1.0), *times] if known else list(times)
+
+
+#: Shape of what drifts: how fast, and with what.
+_PROGRESS = (
+    Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
+    Param(
+        "of",
+        "1",
+        "0: time; 1: measured motor temperature",
+        0.0,
+        1.0,
+        codes=((0.0, "time"), (1.0, "measured motor temperature")),
+        choice=True,
+    ),
+)
 
 
 class FrictionDrift(Effect):
@@ -93,20 +109,9 @@ class FrictionDrift(Effect):
         Param("dc", "{F}", "change of Coulomb friction, per kelvin in the second form"),
         Param("dv", "{F} s/{x}", "change of viscous friction, per kelvin in the second form"),
     )
-    shape = (
-        Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
-        Param(
-            "of",
-            "1",
-            "0: time; 1: measured motor temperature",
-            0.0,
-            1.0,
-            codes=((0.0, "time"), (1.0, "measured motor temperature")),
-            choice=True,
-        ),
-    )
-    search = Grid(_friction_drift_grid)
-    limits = (Limit("transient", _friction_drift_lasts),)
+    shape = _PROGRESS
+    search = Grid(_drift_grid)
+    limits = (Limit("transient", _drift_lasts),)
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -115,8 +120,36 @@ class FrictionDrift(Effect):
         return np.stack([s * motion.sign(j), s * motion.qd[:, j]], axis=1)
 
 
+class OffsetDrift(Effect):
+    """An offset that changes with time or temperature: an amplifier or a gauge that warms up."""
+
+    name, family = "offset-drift", "actuator"
+    doc = Doc(
+        equation=(
+            "tau = s d0,  s = 1 - exp(-t / T)  (t since the start of the run), "
+            "or s = temperature - 25 degC, the same for all runs"
+        ),
+        signature="the residual's mean wanders with time, moving or at rest",
+        confused_with=("torque-offset", "friction-drift", "payload-change"),
+        shown_by="the same rest at the start and at the end of a long run",
+        source="International Vocabulary of Metrology, JCGM 200:2012, 4.21 (instrumental drift)",
+        shown=Sight.MINUTES,
+        over=Over.TIME,
+    )
+    params = (Param("d0", "{F}", "change of the offset, per kelvin in the second form"),)
+    shape = _PROGRESS
+    scope = Scope(explains=("motor", "external"))
+    search = Grid(_drift_grid)
+    limits = (Limit("transient", _drift_lasts),)
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Progress of the drift s."""
+        return _warmth(motion, j, shape)[:, None]
+
+
 def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-    """Progress of the warming-up s (n,)."""
+    """Progress of a drift s (n,)."""
     if shape[1] and motion.temperature.shape == motion.q.shape:
         # a machine that is switched on warm is warm: no run has a zero of its own
         measured: FloatArray = motion.temperature[:, j] - ROOM
@@ -208,4 +241,4 @@ def _steps(first: float, end: float, step: float) -> Shapes:
     return [(float(f),) for f in np.arange(first, end, step)]
 
 
-EFFECTS: tuple[Effect, ...] = (FrictionDrift(), PeriodicDisturbance())
+EFFECTS: tuple[Effect, ...] = (FrictionDrift(), OffsetDrift(), PeriodicDisturbance())

@@ -25,6 +25,7 @@ RIGID = Use(
 #: Shapes of a likely size, where the effect's own grid depends too much on the motion.
 SHAPES = {
     "friction-drift": (10.0, 0.0),
+    "offset-drift": (10.0, 0.0),
     "friction-network": (1.0, 2.0, 2.0),
     "end-stop": (0.3, 1.0),
     "presliding": (2e-3, 0.0, 0.02, 0.0),

@@ -15,6 +15,7 @@ IMPOSSIBLE = {
     "load-friction": ((0.0, 0.0), (-0.1,)),
     "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
     "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
+    "offset-drift": ((0.2, 0.0), (0.1,)),
     "presliding": ((0.01, 0.0), (1.0, -0.5, 0.2, 0.1)),
     "elastic-transmission": ((5.0, 0.3), (-0.5,)),
     "hardening-cable": ((3.0, 0.5, 0.1, 0.0), (-0.5,)),
