@@ -24,7 +24,7 @@ from hil.models.effect import (
     Trait,
     log_grid,
 )
-from hil.models.friction import Coulomb, Stribeck
+from hil.models.friction import Coulomb, QuadraticDrag, Stribeck
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import Others
 
@@ -184,16 +184,21 @@ def _presliding_wide(f: Fitted) -> bool:
     Bristles that carry and are damped show by their damping, however stiff they are.
     """
     least = LOOP_SHARE * sum(f.beta)
-    sure = all(f.beta[k] > max(f.slack[k], least) for k in (1, 3))
-    return (f.shape[1] == LUGRE and sure) or f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
+    carries = [b > max(e, least) for b, e in zip(f.beta, f.slack, strict=True)]
+    if f.shape[1] == LUGRE and carries[1] and carries[3]:
+        return True
+    widest = 1.0 if f.shape[1] == LUGRE or not carries[3] else 9.0
+    return widest * f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
 
 
 def _presliding_others(motion: Motion, j: int, shape: Sequence[float]) -> Others | None:
-    """LuGre's form, against Maxwell slip with a Stribeck curve beside it."""
+    """LuGre's form, against the usual one with a Stribeck curve and a drag beside it."""
     s, _, v0, _ = shape
     speeds = [vs for vs, n in Stribeck.search.grid(motion, j) if n == 2.0]
     lugre = [(x, LUGRE, v0, vs) for vs in speeds for (x,) in log_grid(0.7 * s, 6 * s, 5)]
-    beside: Shapes = [(s, 0.0, v0, vs) for vs in speeds]
+    # the stiffest of several loops may be a ninth of what single bristles are
+    some = [(x, form) for form in (0.0, 1.0) for (x,) in log_grid(s, 9 * s, 4)]
+    beside: Shapes = [(x, form, v0, vs) for vs in speeds for x, form in some]
     return [tuple(map(float, x)) for x in lugre], _BESIDE, beside
 
 
@@ -202,8 +207,8 @@ class Presliding(Effect):
 
     It takes the place of Coulomb friction: what builds up within less than the data resolve
     stays as a sign.  LuGre's form, with a Stribeck curve inside its level, is taken where it
-    leaves less than loops and a Stribeck curve beside each other; f2 = 0 and f2 = f1 are then
-    LuGre's equation, between them lies a mean of the two.
+    leaves less than loops, a Stribeck curve and a drag beside each other; f2 = 0 and f2 = f1 are
+    then LuGre's equation, between them lies a mean of the two.
     """
 
     name, family = "presliding", "friction"
@@ -268,17 +273,20 @@ def _lugre(q: FloatArray, v: FloatArray, s: float, vs: float, dt: float) -> list
 
 
 class _Beside(Presliding):
-    """Maxwell slip and a Stribeck curve beside each other: what LuGre's form has to beat."""
+    """Loops, a Stribeck curve and a drag beside each other: what LuGre's form has to beat.
 
-    name = "presliding-and-stribeck"
-    params = (*Presliding.params, *Stribeck.params)
+    A level that rises over most of the speeds would else stand for a curve that bends upwards.
+    """
+
+    name = "presliding-stribeck-and-drag"
+    params = (*Presliding.params, *Stribeck.params, *QuadraticDrag.params)
     traits = Presliding.traits | Trait.GIVEN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """The four of presliding, and exp(-(v / vs)^2) sgn."""
-        loops = _loops(motion, j, (*shape[:3], 0.0))
-        peak = np.exp(-((motion.qd[:, j] / shape[3]) ** 2)) * loops[:, 0]
-        return np.concatenate([loops, peak[:, None]], axis=1)
+        """The four of presliding, exp(-(v / vs)^2) sgn, and v |v|."""
+        loops, v = _loops(motion, j, (*shape[:3], 0.0)), motion.qd[:, j]
+        curves = np.stack([np.exp(-((v / shape[3]) ** 2)) * loops[:, 0], v * np.abs(v)], axis=1)
+        return np.concatenate([loops, curves], axis=1)
 
 
 _BESIDE = _Beside()
