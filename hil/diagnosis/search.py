@@ -360,7 +360,7 @@ class Search:
         return False
 
     def _with_wider_sign(self, j: int, gone: Candidate | None) -> Visited | None:
-        """The model with a wider sign on joint j, or without an effect; None where none is wider."""
+        """A wider sign on joint j, beside all or without an effect; None where none is wider."""
         now, label, beside = self.now, self.now.step.label, self.now.result
         renew(beside)
         if gone:
@@ -375,7 +375,7 @@ class Search:
         return self.rung(label, beside.model, now.result.sigma)
 
     def _does_better(self, rung: Visited, j: int, gone: Candidate | None) -> bool:
-        """Whether a wider sign lowers joint j's error clearly; in the place of an effect, at all."""
+        """Whether it lowers joint j's error clearly; in the place of an effect, at all."""
         now = self.now.errors
         sure = paired((now.squared - rung.errors.squared)[:, j]) > (0.0 if gone else RISEN)
         small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
