@@ -308,16 +308,31 @@ def _position_torque_foils(motion: Motion, j: int, shape: Sequence[float]) -> Se
     return [first[:, None], np.stack([first, second], axis=1)]
 
 
-_X = "max(-1, min(1, (2 * q - low - high) / (high - low)))"
-#: Chebyshev polynomials T0..T6 of the position scaled to [-1, 1].
+#: Half ranges by which a function of the position goes on straight beyond the recorded range, and
+#: stays where it then is.  Beyond a fifth a polynomial of degree six is no nearer to its tangent
+#: than to its last value.
+STRAIGHT_ON = 0.2
+_RAW = "(2 * q - low - high) / (high - low)"
+_X = f"max(-1, min(1, {_RAW}))"
+_ABOVE = f"max(0, min({STRAIGHT_ON}, {_RAW} - 1))"
+_BELOW = f"max(0, min({STRAIGHT_ON}, -1 - {_RAW}))"
+#: Chebyshev polynomials T0..T6 of the position scaled to [-1, 1], with their tangents beyond it.
 _CHEBYSHEV = (
     "1",
-    _X,
-    f"2 * {_X} ** 2 - 1",
-    f"4 * {_X} ** 3 - 3 * {_X}",
-    f"8 * {_X} ** 4 - 8 * {_X} ** 2 + 1",
-    f"16 * {_X} ** 5 - 20 * {_X} ** 3 + 5 * {_X}",
-    f"32 * {_X} ** 6 - 48 * {_X} ** 4 + 18 * {_X} ** 2 - 1",
+    *(
+        f"{text} + {k * k} * ({_ABOVE} {'-' if k % 2 else '+'} {_BELOW})"
+        for k, text in enumerate(
+            (
+                _X,
+                f"2 * {_X} ** 2 - 1",
+                f"4 * {_X} ** 3 - 3 * {_X}",
+                f"8 * {_X} ** 4 - 8 * {_X} ** 2 + 1",
+                f"16 * {_X} ** 5 - 20 * {_X} ** 3 + 5 * {_X}",
+                f"32 * {_X} ** 6 - 48 * {_X} ** 4 + 18 * {_X} ** 2 - 1",
+            ),
+            1,
+        )
+    ),
 )
 
 
@@ -326,7 +341,9 @@ class PositionTorque(Effect):
 
     name, family = "position-torque", "stiffness"
     doc = Doc(
-        equation="tau = t0 + sum_{k=1..6} ck T_k(x),  x = position scaled to [-1, 1]",
+        equation=(
+            "tau = t0 + sum_{k=1..6} ck T_k(x),  x = position scaled to [-1, 1], straight on beyond"
+        ),
         signature="smooth residual over position, the same in both directions",
         confused_with=("spring", "rigid-body", "cogging"),
         shown_by="slow strokes over the whole range",
@@ -343,9 +360,15 @@ class PositionTorque(Effect):
     limits = (Limit("constant", _position_torque_varies), BOUNDS)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Chebyshev polynomials T0..T6."""
-        values = np.polynomial.chebyshev.chebvander(np.clip(motion.scaled(j), -1, 1), 6)
-        return np.asarray(values, dtype=np.float64)
+        """Chebyshev polynomials T0..T6, straight on beyond the range."""
+        x = motion.scaled(j)
+        inside = np.clip(x, -1.0, 1.0)
+        beyond = np.clip(x - inside, -STRAIGHT_ON, STRAIGHT_ON)[:, None]
+        values = np.polynomial.chebyshev.chebvander(inside, 6)
+        k = np.arange(7)
+        # T_k'(+-1) = (+-1)^(k - 1) k^2
+        tangent: FloatArray = (1.0 * k**2) * np.where(beyond < 0, (-1.0) ** (k - 1), 1.0)
+        return np.asarray(values + tangent * beyond, dtype=np.float64)
 
 
 #: Share of a stop's squared effort that may pull: noise, and the form of its law.
