@@ -120,6 +120,12 @@ class FrictionDrift(Effect):
         return np.stack([s * motion.sign(j), s * motion.qd[:, j]], axis=1)
 
 
+def _offset_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """An offset that changes at once, at the end of each of some parts of the run."""
+    part = LAW_PARTS * motion.since / max(float(motion.since[-1]), 1e-9)
+    return [(part > k)[:, None].astype(np.float64) for k in np.arange(0.5, LAW_PARTS, 0.5)]
+
+
 class OffsetDrift(Effect):
     """An offset that changes with time or temperature: an amplifier or a gauge that warms up."""
 
@@ -139,6 +145,7 @@ class OffsetDrift(Effect):
     params = (Param("d0", "{F}", "change of the offset, per kelvin in the second form"),)
     shape = _PROGRESS
     scope = Scope(explains=("motor", "external"))
+    relations = Relations(foils=_offset_drift_foils)
     search = Grid(_drift_grid)
     limits = (Limit("transient", _drift_lasts),)
     traits = Trait.REPLAYED

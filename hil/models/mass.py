@@ -365,9 +365,9 @@ class PositionTorque(Effect):
         inside = np.clip(x, -1.0, 1.0)
         beyond = np.clip(x - inside, -STRAIGHT_ON, STRAIGHT_ON)[:, None]
         values = np.polynomial.chebyshev.chebvander(inside, 6)
-        k = np.arange(7)
+        k = np.arange(7.0)
         # T_k'(+-1) = (+-1)^(k - 1) k^2
-        tangent: FloatArray = (1.0 * k**2) * np.where(beyond < 0, (-1.0) ** (k - 1), 1.0)
+        tangent = np.square(k) * np.where(beyond < 0, (-1.0) ** (k - 1), 1.0)
         return np.asarray(values + tangent * beyond, dtype=np.float64)
 
 

@@ -1,5 +1,7 @@
 """Values that trade off with each other: where one after the other ends beside the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import plants
 import pytest
@@ -9,6 +11,7 @@ from hil.diagnosis.search import Search
 from hil.identify.shape_search import bluntest
 from hil.models import catalogue
 from hil.models.model import RobotModel
+from hil.models.presliding import dahl_state
 
 
 def axis(law, seed, seconds=30.0, rate=250.0, slow=1.0, noise=2e-3, counts=0.0, jumps=None):
@@ -30,6 +33,11 @@ def diagnosed(run):
 def found(d, effect):
     """Finding of an effect."""
     return next(f for f in d.findings if f.effect == effect)
+
+
+def gravity(q, v, a):
+    """An axis with dry friction and a weight."""
+    return 0.3 * a + 0.4 * v + 0.9 * np.tanh(v / 0.01) + 4.0 * np.sin(q)
 
 
 def exponential(q, v, a):
@@ -195,3 +203,44 @@ def test_a_fit_is_led_out_of_a_local_minimum_once(monkeypatch):
     answer = diagnosed(axis(lambda q, v, a: 0.3 * a + 0.4 * v + np.sin(3 * q) * v, 3, seconds=12.0))
     assert len(asked) == 1
     assert answer.ladder
+
+
+def test_a_sign_that_turns_over_much_of_the_speed_gets_no_name():
+    """Grease and seals let friction set in gradually, beyond the usual range of the sign."""
+    run = axis(lambda q, v, a: 0.3 * a + 0.4 * v + 1.5 * np.tanh(v / 0.25), 5, noise=2e-3)
+    d = diagnosed(run)
+    assert (d.verdict, d.findings) == ("adequate", [])
+    fit = d.result
+    assert fit.values["j1.coulomb.v0"].value == pytest.approx(0.25, rel=0.1)
+    assert fit.values["j1.coulomb.fc"].value == pytest.approx(1.5, rel=0.05)
+
+
+def test_a_drag_beside_bristles_is_no_part_of_lugre_s_law():
+    """A level that rises over most of the speeds stood for the curve of a drag."""
+
+    def law(q, v, a):
+        z = dahl_state(np.ascontiguousarray(q), 6e-4)
+        return 0.3 * a + 0.6 * v + 0.3 * np.tanh(v / 0.01) + 0.5 * z + 0.25 * v * np.abs(v)
+
+    d = diagnosed(axis(law, 7, rate=500.0))
+    assert {f.effect for f in d.findings} == {"presliding", "quadratic-drag"}
+    drag = d.result.values["j1.quadratic-drag.fd"].value
+    assert drag == pytest.approx(0.25, rel=0.15)
+
+
+@pytest.mark.parametrize("seconds", [8.0, 20.0])
+def test_an_offset_that_drifts_is_named(seconds):
+    """As of an amplifier that warms up; beside it a weight keeps its name."""
+    run = axis(gravity, 11, seconds=40.0)
+    drift = 0.8 * (1 - np.exp(-(run.t - run.t[0]) / seconds))
+    d = diagnosed(replace(run, tau=run.tau + drift[:, None]))
+    assert {f.effect for f in d.findings} == {"unbalance", "offset-drift"}
+    assert d.result.values["j1.offset-drift.d0"].value == pytest.approx(0.8, rel=0.1)
+    assert min(f.confidence for f in d.findings) > 0.9
+
+
+def test_an_offset_that_jumps_is_no_drift():
+    run = axis(gravity, 12, seconds=40.0)
+    jump = 0.8 * (run.t - run.t[0] > 17.0)
+    d = diagnosed(replace(run, tau=run.tau + jump[:, None]))
+    assert all(f.confidence < 0.5 for f in d.findings if f.effect == "offset-drift")
