@@ -368,10 +368,10 @@ class Search:
             beside = self.rung(
                 label, without(beside.model, gone, self.problem), beside.sigma
             ).result
-        v0 = rounder(beside, j)
-        if v0 is None:
+        found = rounder(beside, j)
+        if not found:
             return None
-        self.problem.least["coulomb", j] = v0
+        self.problem.least.update(found)
         return self.rung(label, beside.model, now.result.sigma)
 
     def _does_better(self, rung: Visited, j: int, gone: Candidate | None) -> bool:

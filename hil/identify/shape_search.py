@@ -285,10 +285,10 @@ def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], floa
 ROUNDEST = 1.0
 
 
-def rounder(result: FitResult, j: int) -> float | None:
-    """The resolution of joint j's sign that leaves least, beyond the range of its search.
+def rounder(result: FitResult, j: int) -> dict[tuple[str, int], float]:
+    """The resolution of joint j's sign that leaves least, beyond the range of its search, by term.
 
-    None where the least lies within the range, or friction has no range there.
+    Empty where the least lies within the range, or friction has no range there.
 
     Parameters
     ----------
@@ -309,8 +309,8 @@ def rounder(result: FitResult, j: int) -> float | None:
         with problem.aside():
             gains = [projector.gain(t.reshaped((x, *t.shape[1:]))) for x in values]
         best = int(np.argmax(gains))
-        return values[best] if best else None
-    return None
+        return {t.key: values[best]} if best else {}
+    return {}
 
 
 def searched(
