@@ -1,12 +1,13 @@
 """Laws in joint space for arms of any number of joints, their rigid bodies from the URDF.
 
 ``joint-pd`` and ``computed-torque`` play a trajectory (see `hil excite`) or hold a posture;
-``joint-coupling`` ties two arms to each other by their positions.
+``joint-coupling`` ties two arms to each other by their positions; it is judged before it runs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import cos, pi, sin, tanh
 from typing import Any
 
@@ -21,6 +22,7 @@ from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.signals.device import FloatArray
 from hil.signals.settable import ArmDescription, SettableRange
+from hil.teleop import gate
 
 #: Speed over which friction fed forward changes its side [rad/s].
 EDGE = 0.05
@@ -352,6 +354,13 @@ class JointCoupling:
         Of the loop [s].
     robots : tuple of ArmDescription
         What the arms are; with the same number of joints.
+    judged : bool
+        Whether it is refused where it is unstable over the set of `hil.teleop.gate`.
+
+    Raises
+    ------
+    ConfigError
+        If the law must not run.
     """
 
     def __init__(
@@ -360,6 +369,7 @@ class JointCoupling:
         arms: tuple[str, ...],
         period: float,
         robots: tuple[ArmDescription, ...],
+        judged: bool = True,
     ) -> None:
         if len(arms) != 2:
             raise ConfigError(f"joint-coupling ties two arms to each other, not {len(arms)}.")
@@ -381,6 +391,9 @@ class JointCoupling:
             *(f"offset{i + 1}" for i in range(d)),
             *(f"{arm}.speed{i + 1}" for arm in arms for i in range(d)),
         )
+        if judged:
+            found = coupling_margin(config, arms, period, robots, gate.LATE)
+            gate.refuse_coupled(found, period, gate.JOINTS)
 
     def update(
         self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
@@ -394,6 +407,28 @@ class JointCoupling:
             self._scaled[3:] *= self._pull[a]
             v = x_next[1 + d + a * d : 1 + 2 * d + a * d]
             pd(u[a], v, self._goal, self._scaled, known, room, self._work, y[a])
+
+
+@lru_cache(maxsize=16)
+def coupling_margin(
+    config: JointCouplingConfig,
+    arms: tuple[str, ...],
+    period: float,
+    robots: tuple[ArmDescription, ...],
+    latest: float = gate.LATEST,
+) -> gate.CoupledMargin:
+    """How the law stands over the set of `hil.teleop.gate.coupled`.
+
+    Parameters
+    ----------
+    config, arms, period, robots
+        As of `JointCoupling`.
+    latest : float
+        Longest delay that is tried [ticks].
+    """
+    law = JointCoupling(config, arms, period, robots, judged=False)
+    rotors = [config.rotors(robots[0].d)] * 2
+    return gate.coupled(law, robots, rotors, period, latest=latest, drifts=True)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -432,4 +467,4 @@ class Law:
 
 JOINT_PD = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))
 COMPUTED_TORQUE = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, computed))
-JOINT_COUPLING = Law(JointCouplingConfig, JointCoupling)
+JOINT_COUPLING = Law(JointCouplingConfig, JointCoupling, margin=coupling_margin)

@@ -278,15 +278,15 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.report, ".html", [args.rig], _is_report, "a design report")
     catalogue.load_installed()
     config = load_rig(args.rig)
-    if config.controller.name == COUPLING and args.design is None:
+    if config.controller.name in COUPLINGS and args.design is None:
         return _judge_coupling(args, config)
     over_delay = args.design in SCHEMES
     for arm in config.controller.arms:
         if len(config.arms[arm].joints) != 3:
             raise ConfigError(
                 f"{args.rig}: arm {arm!r} has {len(config.arms[arm].joints)} joints; laws with "
-                f"c1..c8 are of arms of three. {COUPLING}, of two arms of six or more, is judged "
-                "as the rig file has it, without --design"
+                f"c1..c8 are of arms of three. {' and '.join(COUPLINGS)}, of two arms of their "
+                "own URDFs, are judged as the rig file has them, without --design"
             )
     if over_delay or (args.design is None and config.controller.name == DELAYED):
         return _judge_delayed(args, config, rig_designs.settings(args.set, NUMBERS))
@@ -314,39 +314,41 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-#: The law of two whole arms that is judged as it stands in the rig file.
-COUPLING = "cartesian-coupling"
+#: Laws of two whole arms that are judged as they stand in the rig file, and what of them makes an
+#: unstable one stable.
+COUPLINGS = {"cartesian-coupling": gate.TIPS, "joint-coupling": gate.JOINTS}
 
 
 def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
-    """Judge the law of whole arms over its set; nothing of it is designed here."""
+    """Judge a law of whole arms over its set; nothing of it is designed here."""
+    name = config.controller.name
     for word in ("set", "fsf", "model", "report", "output"):
         if getattr(args, word):
             raise ConfigError(
-                f"--{word} means nothing for {COUPLING}, which is judged as the rig file has it; "
+                f"--{word} means nothing for {name}, which is judged as the rig file has it; "
                 "change [controller.parameters] there, or choose a law with --design"
             )
-    known = registry.load("hil.controllers", COUPLING)
+    known = registry.load("hil.controllers", name)
     law = parse(known.Config, config.controller.parameters, "controller.parameters")
     arms, period = config.controller.arms, config.loop.period_ns * 1e-9
     robots = tuple(described(config.arms[arm]) for arm in arms)
     found = known.margin(law, arms, period, robots)
     trouble = ""
     try:
-        gate.refuse_coupled(found, period)
+        gate.refuse_coupled(found, period, COUPLINGS[name])
     except ConfigError as error:
         trouble = str(error)
     if args.json:
-        told = {"law": COUPLING, "refused": trouble, "coupled": dataclasses.asdict(found)}
+        told = {"law": name, "refused": trouble, "coupled": dataclasses.asdict(found)}
         terminal.emit({"schema": "hil.design/1", **told})
     else:
-        terminal.out(coupling_text(found, period, trouble))
+        terminal.out(coupling_text(name, found, period, trouble))
     if trouble:
         raise ConfigError(f"{args.rig}: {trouble}")
     return 0
 
 
-def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str:
+def coupling_text(name: str, found: gate.CoupledMargin, period: float, trouble: str) -> str:
     """What a law of whole arms was found to be."""
     growth = math.log(found.radius) / period
     delay = f"{1e3 * found.delay_s:.3g} ms" + (
@@ -354,7 +356,7 @@ def coupling_text(found: gate.CoupledMargin, period: float, trouble: str) -> str
     )
     return "\n".join(
         [
-            f"law {COUPLING}, small motions about postures where it starts, arms without friction",
+            f"law {name}, small motions about postures where it starts, arms without friction",
             "",
             f"  judged         {found.members} cases of postures, masses, hands and contacts",
             f"  growth         {growth:.2g} /s at {found.hz:.3g} Hz, with {found.where}",

@@ -18,6 +18,13 @@ taken from itself.  With the mass matrix M, weight g and tip Jacobian J of each 
 the eigenvalues of arms, law and delay decide, in small motions about a posture where it starts.
 No arm has friction here, nor does the law feed any forward.  'hil design' and every start of the
 law ask for the same.
+
+Weight that is compensated a time T late, in a posture that falls, makes a free arm drift slowly:
+
+    M q'' = G q - G q(t - T),   growth at most  T max eig(M^-1 G),
+
+which the friction of any arm ends.  A law that holds no arm but at the other one has such a mode in
+every posture; there, slow modes may grow by that much.
 """
 
 from __future__ import annotations
@@ -411,6 +418,8 @@ LATE, LATEST, _MORE = 1.0, 6.0, 0.25
 #: Growth [1/s] that the friction of any arm ends: free positions are double modes of 0, and weight
 #: that is compensated late makes them grow slowly.
 DRIFT = 0.2
+#: Below, a mode is slow enough to be such a drift [Hz].
+_SLOW_HZ = 0.5
 _STEP = 1e-6
 
 
@@ -447,6 +456,7 @@ def coupled(
     period: float,
     behind: float = 0.0,
     latest: float = LATEST,
+    drifts: bool = False,
 ) -> CoupledMargin:
     """Judge a law of two arms that are described by URDFs.
 
@@ -464,6 +474,8 @@ def coupled(
         Where a wall is around the follower's shaft, from its tip on [m]; 0: none.
     latest : float
         Longest delay that is tried [ticks]; `LATE`: only the one that the loop has.
+    drifts : bool
+        Whether growth by weight that is compensated late is left out; see above.
     """
     robots = [bare_robot(RobotSource("", arm.urdf), arm.joints) for arm in arms]
     members = []
@@ -483,19 +495,23 @@ def coupled(
                 where = f"{posture}, {100 * share:.0f} % of the masses, {hand}, {contact}"
                 members.append((where, near, one, other))
     most = 1.0 + DRIFT * period
-    radius, hz, where = _worst(members, LATE, period)
+    radius, hz, where = _worst(members, LATE, period, drifts)
     if radius > most:
         return CoupledMargin(radius, hz, where, -1.0, where, len(members))
     late = LATE
     while late < latest:
-        more, _, limit = _worst(members, late + _MORE, period)
+        more, _, limit = _worst(members, late + _MORE, period, drifts)
         if more > most:
             return CoupledMargin(radius, hz, where, (late - LATE) * period, limit, len(members))
         late += _MORE
     return CoupledMargin(radius, hz, where, (late - LATE) * period, "", len(members))
 
 
-def refuse_coupled(found: CoupledMargin, period: float) -> None:
+#: What to lower of a law that couples two arms at the tips, and of one that does at the joints.
+TIPS, JOINTS = "the stiffnesses and dampings", "bandwidth_hz, or give the rotors (armature)"
+
+
+def refuse_coupled(found: CoupledMargin, period: float, gains: str = TIPS) -> None:
     """Refuse a law of two whole arms that must not run.
 
     Parameters
@@ -504,6 +520,8 @@ def refuse_coupled(found: CoupledMargin, period: float) -> None:
         What `coupled` says of it.
     period : float
         Of the loop [s].
+    gains : str
+        What to lower.
 
     Raises
     ------
@@ -514,22 +532,25 @@ def refuse_coupled(found: CoupledMargin, period: float) -> None:
         growth = np.log(found.radius) / period
         raise ConfigError(
             f"the law is unstable: with {found.where}, a mode of {found.hz:.3g} Hz grows by "
-            f"{growth:.3g} /s; lower the stiffnesses and dampings, or velocity_filter, or raise "
-            "rate_hz; 'hil design RIG.toml' judges it again"
+            f"{growth:.3g} /s; lower {gains}, or velocity_filter, or raise rate_hz; "
+            "'hil design RIG.toml' judges it again"
         )
 
 
 def _worst(
-    members: Sequence[tuple[str, _Near, _Arm, _Arm]], late: float, period: float
+    members: Sequence[tuple[str, _Near, _Arm, _Arm]], late: float, period: float, drifts: bool
 ) -> tuple[float, float, str]:
     """Largest eigenvalue of the set with a delay of `late` ticks, its frequency [Hz], and where."""
     best = (0.0, 0.0, "")
     for where, near, one, other in members:
         values = np.linalg.eigvals(near.closed(one, other, late))
-        k = int(np.argmax(np.abs(values)))
-        if abs(values[k]) > best[0]:
-            hz = abs(float(np.angle(values[k]))) / (2.0 * np.pi * period)
-            best = (float(abs(values[k])), hz, where)
+        size, hz = np.abs(values), np.abs(np.angle(values)) / (2.0 * np.pi * period)
+        if drifts:  # held between ticks, an effort is half a tick later yet
+            fall = max(one.falls, other.falls) * (late + 0.5) * period
+            size = np.where(hz < _SLOW_HZ, size * np.exp(-fall * period), size)
+        k = int(np.argmax(size))
+        if size[k] > best[0]:
+            best = (float(size[k]), float(hz[k]), where)
     return best
 
 
@@ -635,6 +656,10 @@ class _Arm:
             near[:, k] += (_STEP, -_STEP)
             sides = robot.balance(near, np.zeros((2, d)), np.tile(pi, (2, 1)))[0]
             stiff[:, k] = (sides[0] - sides[1]) / (2.0 * _STEP)
+        # of the weight alone [1/s^2]: the quickest fall from this posture
+        self.falls = max(
+            0.0, float(np.linalg.eigvals(-np.linalg.solve(share * mass, stiff)).real.max())
+        )
         jac = robot.external(np.tile(q, (6, 1)), np.eye(6))
         rows = [(jac[:3], *touch[:2]), (jac[3:], *touch[2:])]
         axes = robot.tip_axes(q[None])

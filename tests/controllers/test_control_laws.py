@@ -164,6 +164,7 @@ GIVEN = {
         "singular_share": 0.99,
         "singular_damping": 0.02,  # more of it, anywhere, is refused: the wrist rings
     },
+    "joint-coupling": {"armature": load_rig("arm6").controller.parameters["armature"]},
     "delayed": {"fixtures": [{"kind": "plane"}], "wall": {"stiffness": 200.0}},
 }
 

@@ -5,13 +5,16 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from hil.cli import main
-from hil.controllers import cartesian, lawrence
+from hil.controllers import cartesian, joint_space, lawrence
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError
 from hil.models.phantom import Premium
+from hil.models.robots import bare_robot
+from hil.record.recording import RobotSource
 from hil.rig.check import described
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
@@ -223,6 +226,47 @@ def coupled(**law):
     return cartesian.margin(own, arms, T, tuple(described(config.arms[a]) for a in arms))
 
 
+#: Two arms of six joints, their rotors, and where the gate finds the worst of them.
+ARMATURE = (0.03, 0.06, 0.03, 0.01, 0.01, 0.01)
+ARM6 = rig_path("arm6").with_name("arm6.urdf")
+
+
+def two_arms(tmp_path, **law):
+    """Rig file of two arms of six joints that are coupled joint by joint."""
+    told = plain(load_rig("arm6"))
+    path = tmp_path / "two.toml"
+    arm = {"robot": str(ARM6)}
+    drives = {"driver": "damiao"}
+    table = {
+        "schema": "hil.rig/1",
+        "name": "two",
+        "loop": told["loop"],
+        "arms": {"one": arm, "two": arm},
+        "devices": {
+            n: {**drives, "arm": a, "channels": {"drives": [f"{n}/{k}" for k in range(1, 7)]}}
+            for n, a in (("left", "one"), ("right", "two"))
+        },
+        "boxes": {
+            n: {"driver": "damiao-can", "address": f"can{k}"}
+            for k, n in enumerate(("left", "right"))
+        },
+        "controller": {
+            "name": "joint-coupling",
+            "arms": ["one", "two"],
+            "parameters": {"armature": list(ARMATURE), **law},
+        },
+    }
+    path.write_text(to_toml(table), encoding="utf-8")
+    return path
+
+
+def margin_of(path):
+    config = load_rig(path)
+    own = parse(joint_space.JointCouplingConfig, config.controller.parameters, "test")
+    robots = tuple(described(a) for a in config.arms.values())
+    return joint_space.coupling_margin(own, ("one", "two"), 2e-3, robots), own, robots
+
+
 NO_FRICTION = {"leader_friction": [], "follower_friction": []}
 
 
@@ -283,3 +327,113 @@ def test_hil_design_judges_a_law_of_whole_arms(capsys):
     assert "means nothing for cartesian-coupling" in capsys.readouterr().err
     assert main(["design", "surgical", "--design", "position-error"]) == 2
     assert "arm 'leader' has 6 joints" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------ two arms coupled joint by joint
+
+
+def swung(own, robots, posture, share, wall, seconds):
+    """Speed of the follower's joints (n, 6): bodies of an independent library against a wall.
+
+    All motion counts, not the small one alone; efforts act a tick after what they answer to.
+    """
+    period, steps = 2e-3, 8
+    law = joint_space.JointCoupling(own, ("one", "two"), period, robots, judged=False)
+    (q,) = (q for name, q in gate._postures(robots) if name == posture)
+    model = pin.buildModelFromXML(robots[0].urdf)
+    data, tip = model.createData(), model.nframes - 1
+    q, v = np.array(q), 1e-6 * np.random.default_rng(1).normal(size=(2, 6))
+    pin.framesForwardKinematics(model, data, q[1])
+    touched = data.oMf[tip].translation.copy()
+    n = len(law.state_names)
+    x, x_next, u, y = np.zeros(n), np.zeros(n), np.zeros((2, 18)), np.zeros((2, 6))
+    sent, seen = None, []
+    for k in range(round(seconds / period)):
+        u[:, :6], u[:, 6:12] = q, v
+        law.update(k * period, x, u, x_next, y)
+        x, x_next = x_next, x
+        sent = y.copy() if sent is None else sent
+        for _ in range(steps):
+            for a in range(2):
+                mass = share * (pin.crba(model, data, q[a]) + np.diag(own.rotors(6)))
+                tau = sent[a] - pin.nle(model, data, q[a], v[a])
+                if a == 1:
+                    jac = pin.computeFrameJacobian(
+                        model, data, q[a], tip, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                    )
+                    pin.framesForwardKinematics(model, data, q[a])
+                    tau -= jac[:3].T @ (wall * (data.oMf[tip].translation - touched))
+                v[a] += period / steps * np.linalg.solve(mass, tau)
+                q[a] += period / steps * v[a]
+        sent = y.copy()
+        seen.append(v[1].copy())
+    return np.array(seen)
+
+
+def test_what_the_gate_says_of_joint_coupling_is_what_the_bodies_do(tmp_path):
+    """Refused: the mode that is named grows as told; let pass: none does, in the same place."""
+    worst, own, robots = margin_of(two_arms(tmp_path, bandwidth_hz=12.0))
+    posture, masses, hand, contact = worst.where.split(", ")
+    assert worst.delay_s < 0.0 and (hand, contact) == ("let go", "a wall of 3000 N/m")
+    place = (robots, posture, float(masses.split()[0]) / 100.0, 3000.0)
+    swings = swung(own, *place, 1.1)
+    early, late = (np.abs(swings[at : at + 100]).max() for at in (200, 450))
+    growth = np.log(worst.radius) / 2e-3
+    assert np.log(late / early) / 0.5 == pytest.approx(growth, rel=0.1)
+    end = swings[250:550, 4]
+    beats = np.fft.rfftfreq(end.size, 2e-3)[np.abs(np.fft.rfft(end)).argmax()]
+    assert beats == pytest.approx(worst.hz, abs=2.0)
+    good, own, robots = margin_of(two_arms(tmp_path))
+    assert good.delay_s >= 0.0
+    calm = swung(own, *place, 1.1)
+    # what is left of the start turns to and fro at 1 Hz; of what is fast, less and less
+    assert np.abs(calm[450:550]).max() < 1.3 * np.abs(calm[200:300]).max()
+    fast = np.abs(np.diff(calm, n=2, axis=0)).max(axis=1)
+    assert fast[450:550].max() < 0.05 * fast[:50].max()
+
+
+def test_joint_coupling_is_asked_for_by_design_and_by_run(tmp_path, capsys):
+    good, bad = two_arms(tmp_path), tmp_path / "bad.toml"
+    session = str(tmp_path / "s.mcap")
+    assert main(["design", str(good)]) == 0
+    said = capsys.readouterr().out
+    assert "law joint-coupling" in said and "may run" in said
+    assert main(["run", str(good), "-o", session, "--seconds", "1"]) == 0
+    assert "ENABLED" in capsys.readouterr().out
+    bad.write_text(good.read_text("utf-8") + "bandwidth_hz = 12.0\n", encoding="utf-8")
+    for words in (["design", str(bad)], ["run", str(bad), "-o", session, "--seconds", "1"]):
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert "the law is unstable: with posture 6" in error
+        assert "lower bandwidth_hz, or give the rotors (armature)" in error
+    # of an arm whose rotors are not told, nothing but its light bodies is sure
+    assert margin_of(two_arms(tmp_path, armature=[]))[0].delay_s < 0.0
+    good = two_arms(tmp_path)
+    with pytest.raises(ConfigError, match="unstable"):
+        open_rig(load_rig(bad), 1)
+    assert main(["design", str(good), "--set", "share=0.5"]) == 2
+    assert "means nothing for joint-coupling" in capsys.readouterr().err
+
+
+def test_weight_that_is_compensated_late_drifts_as_told_and_is_left_out():
+    """Arms without rotors in the postures of the set: slow growth of T max eig(M^-1 G) at most."""
+    whole_range = described(load_rig("arm6").arms["arm"])
+    told = replace(whole_range, low=(-1.0,) * 6, high=(1.0,) * 6, center=(0.1,) * 6)
+    law = joint_space.JointCouplingConfig()
+    free = joint_space.JointCoupling(law, ("a", "b"), 2e-3, (told, told), judged=False)
+    none = [np.zeros(6)] * 2
+    whole, less = (
+        gate.coupled(free, (told, told), none, 2e-3, latest=gate.LATE, drifts=d)
+        for d in (False, True)
+    )
+    assert whole.hz < 0.5 and np.log(whole.radius) / 2e-3 > gate.DRIFT
+    assert less.radius < 1.0 + gate.DRIFT * 2e-3
+    # both arms alike, in one posture: the whole of it
+    robot = bare_robot(RobotSource("", told.urdf), told.joints)
+    q = [np.array(told.center)] * 2
+    near = gate._Near(free, q)
+    arms = [gate._Arm(robot, x, 1.0, np.zeros(6), 2e-3, (0.0,) * 4) for x in q]
+    for late in (1.0, 3.0):
+        values = np.linalg.eigvals(near.closed(*arms, late))
+        slow = np.abs(values[np.abs(np.angle(values)) < 2 * np.pi * 0.5 * 2e-3]).max()
+        assert np.log(slow) / 2e-3 == pytest.approx(arms[0].falls * (late + 0.5) * 2e-3, rel=0.02)
