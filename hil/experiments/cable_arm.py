@@ -35,6 +35,8 @@ from hil.terminal import Found
 _PERIOD, _CORNER = 1e-3, 10.0
 #: Length of a session and of its first part [s], and of the identifying session.
 _SECONDS, LEARN, _IDENTIFY = 60.0, 40.0, 15.0
+#: Part of a session, and of its first part, that ``--quick`` takes.
+_QUICK = 0.5
 #: Force that counts as touch [N]; an instant near one is neither free nor touched.
 _TOUCH = 0.05
 ARM = "follower"
@@ -120,19 +122,22 @@ SAID = {
 }
 
 
-def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> CableArmStudy:
-    """All conditions."""
+def study(
+    seed: int = 1, report: Callable[[str], None] = lambda _: None, part: float = 1.0
+) -> CableArmStudy:
+    """All conditions, with sessions of a part of their length."""
+    seconds, learn = part * _SECONDS, part * LEARN
     rows: list[CableArmRow] = []
     stiffness: dict[str, list[float]] = {}
     learnt: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         for condition, hidden in CONDITIONS.items():
             report(condition)
-            path = session(Path(name), hidden, seed)
-            rows += judge(condition, path)
+            path = session(Path(name), hidden, seed, seconds, learn)
+            rows += judge(condition, path, learn)
             for e in ("filters", "both"):
                 stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
-            learnt[condition] = float(_column(path, "both", "learning")[: _tick(LEARN)].mean())
+            learnt[condition] = float(_column(path, "both", "learning")[: _tick(learn)].mean())
     return CableArmStudy(rows, stiffness, learnt)
 
 
@@ -221,10 +226,11 @@ def _rms(x: FloatArray) -> float:
 
 def command(args: argparse.Namespace) -> Found:
     """Force on the tip without a sensor: filters and networks together on the cable arm."""
-    s = study(args.seed, terminal.log)
+    part = _QUICK if args.quick else 1.0
+    s = study(args.seed, terminal.log, part)
     lines = [
         f"Force on the tip without a sensor, {ARM} of the simulated rig, after "
-        f"{LEARN:g} s of learning in the loop"
+        f"{part * LEARN:g} s of learning in the loop"
     ]
     for condition in CONDITIONS:
         rows = [r for r in s.rows if r.condition == condition]
@@ -287,4 +293,5 @@ PAGE = StudyPage(
     _page_read,
     "Error of the force where it touches [mN]",
     (1,),
+    quick=f"sessions of {_QUICK * _SECONDS:g} s in place of {_SECONDS:g}",
 )

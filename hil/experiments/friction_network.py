@@ -19,6 +19,8 @@ from hil.terminal import Found
 
 #: Noise of the measured torque [N m].
 _NOISE = 0.003
+#: Records that are learnt from and judged on [s], and the first with ``--quick``.
+_LEARNT, _JUDGED, _QUICK = 60.0, 30.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -53,14 +55,22 @@ def rub(qd: FloatArray) -> FloatArray:
     return np.asarray(out, np.float64)
 
 
-def study(seed: int = 1) -> list[FrictionNetworkRow]:
-    """Backbone alone, networks alone (batch and on line), network on the backbone."""
+def study(seed: int = 1, learnt: float = _LEARNT) -> list[FrictionNetworkRow]:
+    """Backbone alone, networks alone (batch and on line), network on the backbone.
+
+    Parameters
+    ----------
+    seed : int
+        Of the motions and the noise.
+    learnt : float
+        Record that the models learn from [s]; one learns from the first 10 s.
+    """
     rng = np.random.default_rng(seed)
-    one, two = motion(60.0, seed), motion(30.0, seed + 100)
+    one, two = motion(learnt, seed), motion(_JUDGED, seed + 100)
     y, z = (rub(v) + _NOISE * rng.normal(size=v.shape) for v in (one, two))
     rows = []
     for name, (make, seconds) in _MODELS.items():
-        part = slice(0, round(250 * seconds))
+        part = slice(0, round(250 * min(seconds, learnt)))
         nets = [make(one[part], y[part, j], j) for j in range(3)]
         rows.append(
             FrictionNetworkRow(
@@ -100,11 +110,11 @@ def _both(qd: FloatArray, tau: FloatArray, j: int) -> Network:
 
 #: Model -> what makes it, and the length of the record that it learns from [s].
 _MODELS = {
-    "Coulomb + viscous": (_backbone, 60.0),
-    "network alone, on line": (_on_line, 60.0),
-    "network alone, batch": (_alone, 60.0),
+    "Coulomb + viscous": (_backbone, _LEARNT),
+    "network alone, on line": (_on_line, _LEARNT),
+    "network alone, batch": (_alone, _LEARNT),
     "network alone, 10 s of data": (_alone, 10.0),
-    "network on Coulomb + viscous": (_both, 60.0),
+    "network on Coulomb + viscous": (_both, _LEARNT),
 }
 
 
@@ -113,7 +123,7 @@ _MODELS = {
 
 def command(args: argparse.Namespace) -> Found:
     """Wavelet friction networks against Coulomb and viscous friction."""
-    rows = study(args.seed)
+    rows = study(args.seed, _QUICK if args.quick else _LEARNT)
     cells = [
         [r.model, *(f"{100 * x:.1f}" for x in (*r.train, *r.validation)), str(r.nodes)]
         for r in rows
@@ -185,4 +195,5 @@ PAGE = StudyPage(
     _page_read,
     "Error of the torque [% of its rms]",
     (0, 1),
+    quick=f"records of {_QUICK:g} s to learn from in place of {_LEARNT:g}",
 )

@@ -94,6 +94,8 @@ WRONG, _CORNER = 1.08, 8.0
 #: Excitations of the rig's leader, and sessions of the motors and of the judge [s].
 BY_MOTORS, BY_HAND = "motors", "hand and motors"
 _PLAYED, _JUDGED = 20.0, 20.0
+#: Part of each session that ``--quick`` takes.
+_QUICK = 0.5
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class OnTheRig:
     richness: dict[str, dict[str, float]]
 
 
-def on_the_rig(seed: int = 1, seconds: float = 40.0) -> list[OnTheRig]:
+def on_the_rig(seed: int = 1, seconds: float = 40.0, part: float = 1.0) -> list[OnTheRig]:
     """Leader of the simulated rig, moved by hand under its law: as built, and with `WRONG`.
 
     Parameters
@@ -127,6 +129,8 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> list[OnTheRig]:
         Of the hand.
     seconds : float
         Length of the session that a hand moves [s].
+    part : float
+        Of each session's length.
     """
     gain = {
         "effect": "torque-gain",
@@ -138,16 +142,16 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0) -> list[OnTheRig]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.mcap"
         for name, hidden in (("as built", []), (f"motor 2 x {WRONG:g}", [gain])):
-            moved = _by_hand(path, hidden, seed, seconds)
+            moved = _by_hand(path, hidden, seed, part * seconds)
             played = load_rig(rig_path("identify"), {"simulation": {"hidden": hidden}})
-            runner.run(played, _PLAYED, seed, "lockstep", path).enabled()
+            runner.run(played, part * _PLAYED, seed, "lockstep", path).enabled()
             driven = _filtered(path)
             found = manual_excitation.identify(*moved)
             laws = {
                 BY_MOTORS: _by_motors(driven),
                 BY_HAND: np.array([found.values[n] for n in manual_excitation.NAMES]),
             }
-            judge = _by_hand(path, hidden, seed + _OTHER, _JUDGED)
+            judge = _by_hand(path, hidden, seed + _OTHER, part * _JUDGED)
             out.append(
                 OnTheRig(
                     name,
@@ -226,7 +230,7 @@ def command(args: argparse.Namespace) -> Found:
     head = ["excitation", "rank", "condition", "worst error of what is determined %"]
     text = terminal.table(head, cells)
     text += "".join(f"\n  {r.name}: {r.found.text}" for r in rows)
-    rig = on_the_rig(args.seed)
+    rig = on_the_rig(args.seed, part=_QUICK if args.quick else 1.0)
     kappa = [
         [
             r.name,
@@ -332,4 +336,5 @@ PAGE = StudyPage(
     ),
     _page_rows,
     _page_read,
+    quick=f"sessions of {100 * _QUICK:.0f} % of their length",
 )

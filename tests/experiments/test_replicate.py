@@ -270,25 +270,31 @@ def test_the_times_of_all_studies_are_those_of_their_processes_too(capsys, monke
         ("palpation", {"trials": 1}, {"trials": 6}),
         ("transparency", {"hz": (1.0, 4.0)}, {"hz": (0.5, 1.0, 2.0, 4.0)}),
         ("fsf", {"hz": (0.5, 4.0)}, {"hz": (0.5, 1.0, 2.0, 4.0)}),
+        ("ukf-network", {"part": 0.5}, {"part": 1.0}),
+        ("friction-network", {"learnt": 30.0}, {"learnt": 60.0}),
+        ("manual-excitation", {"part": 0.5}, {"part": 1.0}),
+        ("singularity", {"kappas": 8}, {"kappas": 16}),
     ],
 )
 def test_a_quick_study_is_less_of_each_seed_and_says_what(name, less, whole, monkeypatch):
     module = sys.modules[PAGES[name].rows.__module__]
-    signature, asked = inspect.signature(module.study), []
+    of = "on_the_rig" if name == "manual-excitation" else "study"
+    signature, asked = inspect.signature(getattr(module, of)), []
 
     class EnoughError(Exception):
         pass
 
-    def study(*given):
-        asked.append(dict(signature.bind(*given).arguments))
+    def study(*given, **more):
+        asked.append(dict(signature.bind(*given, **more).arguments))
         raise EnoughError
 
-    monkeypatch.setattr(module, "study", study)
+    monkeypatch.setattr(module, of, study)
     for quick, right in ((True, less), (False, whole)):
         with pytest.raises(EnoughError):
             experiment.data_of(name, 7, quick)
         assert asked[-1]["seed"] == 7
-        assert {k: asked[-1][k] for k in right} == right
+        told = {k: len(x) if k == "kappas" else x for k, x in asked[-1].items()}
+        assert {k: told[k] for k in right} == right
     assert PAGES[name].quick
 
 
