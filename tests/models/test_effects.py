@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.models import catalogue
+from hil.models import catalogue, formula
 from hil.models.effect import Doc, Effect, Grid, Limit, Param, Relations, Scope, Twin, terms_of
 from hil.models.motion import Motion
 from hil.models.phantom import Premium
@@ -228,6 +228,25 @@ def test_delay_is_the_late_command() -> None:
         column = catalogue.get("delay").columns(motion, 0, (late,))[:, 0]
         expected = np.sin(30 * t) - np.sin(30 * (t - late))
         np.testing.assert_allclose(column[6:-2], expected[6:-2], atol=1e-4)
+
+
+def test_a_torque_over_position_goes_straight_on_beyond_the_range_and_then_stays() -> None:
+    """T_k'(1) = k^2, T_k'(-1) = (-1)^(k - 1) k^2, for a fifth of the half range."""
+    motion, effect = motion_of(IndependentAxes(("a",)), n=400), catalogue.get("position-torque")
+    low, high = motion.span[0]
+    half, k = (high - low) / 2, np.arange(7)
+    for end, sign in ((high, 1.0), (low, -1.0)):
+        out = np.array([0.0, 0.1, 0.2, 0.5])
+        q = np.full((400, 1), end)
+        q[:4, 0] = end + sign * half * out
+        x = effect.columns(motion.with_(q=q), 0, ())[:4]
+        expected = sign**k + k**2 * sign**k * np.minimum(out, 0.2)[:, None]
+        np.testing.assert_allclose(x, expected, atol=1e-9)
+        texts = [
+            formula.evaluate(t, {"q": q[:4, 0], "low": low, "high": high})
+            for t in effect.doc.formulas
+        ]
+        np.testing.assert_allclose(np.stack([t + 0 * out for t in texts], 1), x, atol=1e-9)
 
 
 @pytest.mark.parametrize("poles", [1, 2])
