@@ -39,7 +39,7 @@ ROW_BATCH = 2**22
 class Alignment:
     """How motor efforts r that were recorded become those tau that acted.
 
-        tau(t) = r(t - s) + T r'(t - s) + T^2/2 r''(t - s),
+        tau(t) = r(u) + T r'(u) + T^2/2 r''(u),    u = t - s + c t,
 
     the last part of a low-pass of two poles alone (Butterworth's, T = sqrt(2) / its half-power
     frequency).  Of more poles this is the series of a delay by T.  A mean over the last 2 T has no
@@ -57,23 +57,29 @@ class Alignment:
         Time constant T of a low-pass that they passed, and that is undone [s]; 0 = none.
     poles : int
         Of that low-pass: 1 or 2; 0 of a moving average over 2 T.
+    rate : float
+        By how much their lateness grows c [s/s]: their clock and that of the positions differ.
     """
 
     shift: float = 0.0
     lag: float = 0.0
     poles: int = 1
+    rate: float = 0.0
 
     @property
     def late(self) -> float:
         """By how much slow efforts were recorded late [s]."""
         return self.lag - self.shift
 
-    def __call__(self, x: FloatArray, t: FloatArray) -> FloatArray:
-        """Columns (n, d) over t (n,), aligned by cubic splines; the ends are kept."""
+    def __call__(self, x: FloatArray, t: FloatArray, since: FloatArray) -> FloatArray:
+        """Columns (n, d) over t (n,), aligned by cubic splines; the ends are kept.
+
+        `since` is the time since the start of the run (n,), of which t may be a later part.
+        """
         mean = self.lag > 0.0 and self.poles == 0
         whole = _mean_undone(x, self.lag / (t[1] - t[0])) if mean else x
         spline = scipy.interpolate.CubicSpline(t, whole, axis=0)
-        at = np.clip(t - self.shift + self.lag * mean, t[0], t[-1])
+        at = np.clip(t - self.shift + self.rate * since + self.lag * mean, t[0], t[-1])
         out = spline(at)
         if self.lag and self.poles:
             out += self.lag * spline(at, 1)
@@ -234,8 +240,9 @@ class Rows:
         self.aligned = False
         #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
         self.given_shift = said[0].shift_s
-        #: Low-pass that a model or a map's [signal] says the efforts passed.
-        self.given_lag = Alignment(0.0, said[0].lag_s, int(said[0].lag_poles))
+        #: Low-pass that a model or a map's [signal] says the efforts passed, and their clock.
+        ppm = said[0].clock_ppm
+        self.given_lag = Alignment(0.0, said[0].lag_s, int(said[0].lag_poles), 1e-6 * ppm)
         #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
         self.accuracy = said[0].accuracy
         #: Least first shape value of an effect on a joint, where other runs have shown it.
@@ -269,7 +276,8 @@ class Rows:
         """Filters and alignment of the efforts that everything here has passed."""
         position, effort = float(self.rates.position), float(self.rates.effort)
         a = self.alignment
-        return Band(position, effort, shift_s=a.shift, lag_s=a.lag, lag_poles=float(a.poles))
+        lag = {"lag_s": a.lag, "lag_poles": float(a.poles), "clock_ppm": 1e6 * a.rate}
+        return Band(position, effort, shift_s=a.shift, **lag)
 
     @property
     def shift(self) -> float:
@@ -499,7 +507,8 @@ class Problem(Rows):
         self.alignment = alignment
         recorded = [m.tau for m in self._first[0]]
         self.motions = [
-            m.with_(tau=alignment(r, m.t)) for m, r in zip(self.motions, recorded, strict=True)
+            m.with_(tau=alignment(r, m.t, m.since))
+            for m, r in zip(self.motions, recorded, strict=True)
         ]
         self._target()
         self._kept = self._kept.pruned(self.motions)

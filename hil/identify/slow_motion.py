@@ -39,6 +39,9 @@ PIECES = 6
 TURN = 0.005
 #: Speed below which friction may be larger, over the rms speed.
 LOW_SPEED = 0.1
+#: Rate of one clock against another below which no joint's is better known [s/s]: crystals differ
+#: by tens of millionths.
+FINEST_RATE = 1e-6
 #: Largest lateness of recorded efforts that is looked for [s]: a filter of 2 Hz, messages missed.
 LATEST = 0.1
 #: Shifts that are tried up to it, at most.
@@ -98,6 +101,26 @@ class _OtherFriction(Effect):
         return np.stack([turn, low, v / size * np.abs(v / size)], axis=1)
 
 
+class _ChangingFriction(Effect):
+    """Friction that changes over the run, in its second order."""
+
+    name, family = "changing-friction", "friction"
+    doc = Doc(
+        "tau = (c1 s + c2 s^2) tanh(v / v0) + (d1 s + d2 s^2) v,  s time over the run's length",
+        "friction at the end of the run that differs from that at its start",
+        "long runs",
+        "Taylor's series",
+    )
+    params = tuple(Param(n, "{F}", "friction that changes") for n in ("c1", "c2", "d1", "d2"))
+    traits = Trait.GIVEN
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Sign and speed, each times s and s^2."""
+        s = motion.since / max(float(motion.since[-1]), 1e-9)
+        own = motion.sign(j), motion.qd[:, j]
+        return np.stack([x * s**k for x in own for k in (1, 2)], axis=1)
+
+
 class _Bristles(Effect):
     """Friction that builds up over a displacement, of several widths."""
 
@@ -143,11 +166,21 @@ def slow_delay(
 
 
 def _slow_delay(result: FitResult, j: int, whole: bool, friction: bool) -> tuple[float, float]:
+    late, more = (_WholeRate() if whole else _Rate()), ([_OtherFriction()] if friction else [])
+    return _agreed(*_in_pieces(result, j, late, more)[:2])
+
+
+def _in_pieces(
+    result: FitResult, j: int, law: Effect, more: Sequence[Effect]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lateness of each piece of the slow motion (k,), its covariance, and what each piece weighs.
+
+    The last are squares (n, k) over the instants; `more`: what has coefficients of its own beside.
+    """
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
-    late = block(problem, Term(_WholeRate() if whole else _Rate(), j))
-    more = [block(problem, Term(_OtherFriction(), j))] if friction else []
-    own = [x[:, np.any(x != 0, axis=0)], *more]
+    late, other = block(problem, Term(law, j)), [block(problem, Term(e, j)) for e in more]
+    own = [x[:, np.any(x != 0, axis=0)], *other]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
     rows = _slow_runs(rows, problem)
     dealt = _dealt(rows[:, -2])
@@ -160,7 +193,52 @@ def _slow_delay(result: FitResult, j: int, whole: bool, friction: bool) -> tuple
     scale = np.sqrt(np.mean(left**2) * SLOW)
     own_rows = slice(-dealt.shape[1], None)
     directions = b.v[own_rows] / (b.s * b.scale[own_rows, None])  # of the pseudo-inverse of R
-    return _agreed(theta[own_rows], scale**2 * directions @ directions.T)
+    return theta[own_rows], scale**2 * directions @ directions.T, dealt**2
+
+
+def lateness_line(result: FitResult) -> tuple[float, float, float]:
+    """Lateness of the efforts in the middle of the run [s], its growth [s/s] and that one's error.
+
+    A line through the pieces of each joint, by generalised least squares, beside friction that
+    changes over the run; errors as in `_agreed`.  Joints have one clock: their medians, as for a
+    lateness that all have in common.  Of one run: (0, 0, inf) for several.
+    """
+    problem = result.problem
+    if problem.runs > 1:
+        return 0.0, 0.0, float("inf")
+    laws, lines = [_OtherFriction(), _ChangingFriction()], []
+    half = max(float(m.since[-1]) for m in problem.motions) / 2
+    for j in np.flatnonzero(~problem.holds).tolist():
+        values, covariance, weight = _in_pieces(result, j, _Rate(), laws)
+        since = problem.gated([m.since[:, None] for m in problem.motions], j)[:, 0]
+        at = since @ weight / np.maximum(weight.sum(axis=0), 1e-300)
+        # y = X theta + T dtau/dt: what is late has a negative T
+        lines += _line(-values, covariance, at - half)
+    if not lines:
+        return 0.0, 0.0, float("inf")
+    middle, slope = (
+        _middle([(x[k], e[k]) for x, e in lines], finest)
+        for k, finest in enumerate((longest_shift(problem) / FINEST, FINEST_RATE))
+    )
+    return middle[0], slope[0], slope[1]
+
+
+def _line(
+    values: FloatArray, covariance: FloatArray, at: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Value and slope at zero of a line through some values, and their errors by the scatter.
+
+    None where the values do not determine a line.
+    """
+    line, inverse = np.stack([np.ones(at.size), at], axis=1), np.linalg.pinv(covariance)
+    normal = line.T @ inverse @ line
+    if np.linalg.matrix_rank(normal) < 2:
+        return []
+    back = np.linalg.inv(normal)
+    found = back @ line.T @ inverse @ values
+    apart = values - line @ found
+    ratio = float(apart @ inverse @ apart) / max(values.size - 2, 1)
+    return [(found, np.sqrt(max(ratio, 1.0) * np.diag(back)))]
 
 
 def _dealt(late: FloatArray) -> FloatArray:
@@ -294,7 +372,7 @@ def _left(result: FitResult, j: int, shift: float) -> float:
 
     q = problem.remembered(key, [result.x], made)
     later = Alignment(shift)
-    late = [later(m.tau[:, [j]], m.t) - m.tau[:, [j]] for m in problem.motions]
+    late = [later(m.tau[:, [j]], m.t, m.since) - m.tau[:, [j]] for m in problem.motions]
     y = _slow_runs(problem.y[j][:, None] + problem.gated(late, j), problem)[:, 0]
     return float(np.linalg.norm(y - q @ (q.T @ y)))
 

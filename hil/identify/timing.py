@@ -27,6 +27,7 @@ from hil.identify.slow_motion import (
     FINEST,
     LATEST,
     LESS,
+    lateness_line,
     left_free,
     longest_shift,
     recorded_late,
@@ -38,6 +39,8 @@ FloatArray = NDArray[np.float64]
 #: Gauss-Newton steps for the shift, and share of a sample from which another one is taken.
 STEPS, AGAIN = 3, 0.25
 
+#: Standard errors from which a lateness grows: twice those of one test in a hundred.
+CERTAINLY = 4.65
 #: How often late efforts are shifted: they blunt the sign of friction, which then asks for too
 #: small a shift.
 TURNS = 8
@@ -64,7 +67,8 @@ def fit_as_stated(
     `scale` as in `fit`.
     """
     given = problem.given_shift
-    stated = problem.given_lag if problem.given_lag.lag else problem.alignment
+    known = problem.given_lag.lag or problem.given_lag.rate
+    stated = problem.given_lag if known else problem.alignment
     stated = replace(stated, shift=problem.shift if given is None else given)
     if stated != problem.alignment:
         problem.align_effort(stated)
@@ -95,8 +99,34 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     if built_up or (late and _ratio(result, at_first) > 1 - LESS):
         # what bends before it slides looks late, and leaves less where nothing is shifted
         problem.align_effort(start)
-        return fit(problem, model, scale=scale)
-    return result
+        result = fit(problem, model, scale=scale)
+    return _in_step(problem, model, result, scale) if ask and not start.rate else result
+
+
+def _in_step(
+    problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
+) -> FitResult:
+    """The fit with efforts whose lateness grows taken earlier by more and more.
+
+    As it was where that is not sure, less than half a sample in all, or does not take `LESS` of the
+    error.
+    """
+    start, error = problem.alignment, result.relative
+    length = max(float(m.since[-1]) for m in problem.motions)
+    for _ in range(STEPS):
+        middle, rate, known = lateness_line(result)
+        now = problem.alignment
+        little = now == start and abs(rate) * length < longest_shift(problem) / 2
+        if little or abs(rate) < CERTAINLY * known:
+            break
+        # tau(t) = r(t - s + c t); with two clocks no lateness is a part of a sample
+        shift = now.shift - middle + rate * length / 2
+        problem.align_effort(replace(now, rate=now.rate + rate, shift=shift))
+        result = _in_time(problem, model, fit(problem, model, scale=scale), scale)
+    if problem.alignment.rate == start.rate or _ratio(result, error) < 1 - LESS:
+        return result
+    problem.align_effort(start)
+    return fit(problem, model, scale=scale)
 
 
 def _in_time(
@@ -125,9 +155,9 @@ def _in_time(
 def late_beside(result: FitResult) -> bool:
     """Whether efforts prove late by more than a sample beside a model with further effects.
 
-    Or, if they are known to be late, to have passed a filter.  A large effect that the given model
-    lacks hides it there.  Leaves the problem aligned for good if so, and the model to be sought
-    again; else everything as it was.
+    Or by more and more; or, if they are known to be late, to have passed a filter.  A large effect
+    that the given model lacks hides it there.  Leaves the problem aligned for good if so, and the
+    model to be sought again; else everything as it was.
     """
     problem = result.problem
     before, longest, error = problem.alignment, longest_shift(problem), result.relative
@@ -140,8 +170,10 @@ def late_beside(result: FitResult) -> bool:
         found = _in_time(problem, result.model, found, result.sigma)
     if problem.shift < -longest:
         found = _filter_undone(problem, result.model, found, result.sigma)
+    if not before.rate:
+        found = _in_step(problem, result.model, found, result.sigma)
     now = problem.alignment
-    changed = now.lag > 0.0 or now.late > before.late + longest
+    changed = now.lag > 0.0 or now.late > before.late + longest or now.rate != before.rate
     problem.aligned = changed and _ratio(found, error) ** 2 < 1 - DELAYED
     if not problem.aligned:
         problem.align_effort(before)
@@ -179,7 +211,8 @@ def _filter_undone(
     tried: dict[tuple[int, float], float] = {}
 
     def fitted(poles: int, share: float) -> FitResult:
-        problem.align_effort(Alignment(-(1 - share) * start.late, share * start.late, poles))
+        shift, lag = -(1 - share) * start.late, share * start.late
+        problem.align_effort(replace(start, shift=shift, lag=lag, poles=poles))
         return fit(problem, model, scale=scale)
 
     def best(more: Iterable[tuple[int, float]]) -> tuple[int, float]:
@@ -243,10 +276,29 @@ def filter_text(a: Alignment) -> str:
     return f"a low-pass of {poles} at {np.sqrt(a.poles) / (2 * np.pi * a.lag):.3g} Hz"
 
 
+def _lateness_text(seconds: float) -> str:
+    """A lateness in words, to a hundredth of a millisecond."""
+    if abs(seconds) < 1e-5:
+        return "in time"
+    return f"{abs(seconds) * 1e3:.3g} ms {'late' if seconds > 0 else 'early'}"
+
+
 def late_effort(problem: Problem) -> list[tuple[str, str]]:
     """Note (code, sentence) on the lateness of the effort that was taken out; none for none."""
     a, longest = problem.alignment, longest_shift(problem)
     stated = problem.given_shift is not None or problem.given_lag.lag > 0.0
+    if a.rate:
+        length = max(float(m.since[-1]) for m in problem.motions)
+        ends = [_lateness_text(a.late + a.rate * t) for t in (0.0, length)]
+        return [
+            (
+                RECORDED_LATE,
+                f"the efforts are {ends[0]} at the start and {ends[1]} at the end: their clock and "
+                f"that of the positions differ by {abs(1e6 * a.rate):.3g} ppm. They were shifted "
+                "by that. To use another value, set clock_ppm and shift_s under [signal]; "
+                "to change nothing, set shift_s to 0",
+            )
+        ]
     if a.lag:
         rest = (
             f" (and the efforts shifted by {a.shift * 1e3:.3g} ms)" if abs(a.shift) > 1e-5 else ""

@@ -126,7 +126,7 @@ def _band(table: Any, of: str) -> Band:
     _keys(table, tuple(f.name for f in fields(Band)), f"[{of}]")
     values = {k: _number(v, f"{of}.{k}") for k, v in table.items()}
     for key, value in values.items():
-        least = -math.inf if key == "shift_s" else 0.0
+        least = -math.inf if key in ("shift_s", "clock_ppm") else 0.0
         most = 1.0 if key == "accuracy" else math.inf
         if key == "lag_poles" and value not in (0.0, 1.0, 2.0):
             raise ConfigError(
@@ -136,6 +136,7 @@ def _band(table: Any, of: str) -> Band:
         if not (least <= value < most and math.isfinite(value)):
             what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
             what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
+            what = "microseconds a second" if key == "clock_ppm" else what
             raise ConfigError(f"{of}.{key} = {value:g}: expected {what}, or 0 = choose")
     return Band(**values)
 
@@ -259,7 +260,7 @@ def _band_lines(of: str, band: Band) -> list[str]:
         return []
     lines = ["", f"[{of}]", f"position_hz = {band.position_hz!r}"]
     lines += [f"effort_hz = {band.effort_hz!r}"]
-    for key in ("rate_hz", "gap_s", "shift_s", "lag_s", "lag_poles", "accuracy"):
+    for key in ("rate_hz", "gap_s", "shift_s", "lag_s", "lag_poles", "clock_ppm", "accuracy"):
         value = getattr(band, key)
         if value != getattr(Band(), key):
             lines += [f"{key} = {value!r}"]

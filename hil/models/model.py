@@ -92,6 +92,9 @@ class Band:
         undone; 0 = none, or estimated where `shift_s` is.
     lag_poles : float
         Of that low-pass: 1, or 2 as Butterworth's; 0 of a moving average over twice `lag_s`.
+    clock_ppm : float
+        By how much the lateness of the efforts grows, in microseconds a second: their clock and
+        that of the positions differ; 0 = not, or estimated where `shift_s` is.
     accuracy : float
         Share of the rms effort to which the efforts are known: no effect below it is named, and no
         error below it is unexplained.
@@ -104,6 +107,7 @@ class Band:
     shift_s: float | None = None
     lag_s: float = 0.0
     lag_poles: float = 1.0
+    clock_ppm: float = 0.0
     accuracy: float = 0.0
 
     def beside(self, other: Band) -> Band:

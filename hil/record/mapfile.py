@@ -250,6 +250,7 @@ _SIGNAL = (
     "shift_s",
     "lag_s",
     "lag_poles",
+    "clock_ppm",
     "accuracy",
 )
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant", "unwrap")

@@ -183,6 +183,7 @@ def _band(problem: Problem) -> dict[str, object]:
         "shift_s": number(problem.shift),
         "lag_s": number(problem.alignment.lag),
         "lag_poles": problem.alignment.poles,
+        "clock_ppm": number(1e6 * problem.alignment.rate),
     }
 
 

@@ -225,3 +225,44 @@ def test_an_effort_channel_that_was_recorded_twice_is_a_fault():
     q = run.q.copy()
     q[:, 2] = q[:, 1]
     assert not [f for f in check(replace(run, tau=tau, q=q)) if f.code == "doubled"]
+
+
+def _two_clocks(run, ppm):
+    """The same run with efforts whose stamps come from a faster or slower clock."""
+    since = run.t - run.t[0]
+    read = scipy.interpolate.CubicSpline(since, run.tau, axis=0)
+    tau = read(np.clip(since * (1 - 1e-6 * ppm), 0.0, since[-1]))
+    return replace(run, tau=tau)
+
+
+@pytest.mark.parametrize("ppm", [400.0, -250.0])
+def test_efforts_of_another_clock_are_followed(ppm, tmp_path):
+    """16 ms late, or 10 ms early, at the end: it was presliding on some joint."""
+    runs = [_two_clocks(plants.smooth_axis(k, 40.0, 250.0), ppm) for k in (1, 2)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot))
+    assert d.verdict == "adequate" and not d.findings
+    assert d.result.problem.alignment.rate == pytest.approx(1e-6 * ppm, rel=0.1)
+    assert [code for code, text in d.warnings if "clock" in text] == ["recorded-late"]
+    write_model(d.model, tmp_path / "m.toml")
+    model = read_model(tmp_path / "m.toml")
+    assert model.fitted.clock_ppm == pytest.approx(ppm, rel=0.1)
+    again = hil.compare(runs[1:], model.as_it_is(), simulate=False)
+    assert np.all(again.heldout.relative < 1.5 * d.result.relative)
+
+
+def test_another_clock_is_found_beside_a_large_effect_that_was_missing():
+    run = _two_clocks(plants.smooth_axis(1, 40.0, 250.0, lambda t, q, v, a: 3.0 * np.sin(q)), 400)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert [f.effect for f in d.findings] == ["unbalance"]
+    assert d.result.problem.alignment.rate == pytest.approx(4e-4, rel=0.1)
+
+
+def test_one_clock_has_no_rate_and_a_stated_one_stays():
+    run = plants.smooth_axis(3, 40.0, 250.0)
+    base = hil.base_model(run.robot)
+    assert hil.diagnose([run], base).result.problem.alignment.rate == 0.0
+    stated = replace(base, band=replace(base.band, clock_ppm=400.0, shift_s=0.0))
+    drifting = _two_clocks(run, 400.0)
+    result = hil.fit(drifting, stated)
+    assert result.problem.alignment.rate == pytest.approx(4e-4)
+    assert np.all(result.relative < 1.2 * hil.fit(run, base).relative)
