@@ -27,8 +27,7 @@ from tqdm import tqdm
 
 from hil import consent, terminal
 from hil.bench.faults import cases
-from hil.bench.faults.cases import Fault
-from hil.bench.faults.fault_injection import FaultySession
+from hil.bench.faults.cases import Fault, FaultySession
 from hil.errors import DataError, HilError
 from hil.record.container import Container, read
 from hil.record.mcap_write import SessionWriter
