@@ -69,8 +69,8 @@ from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, late_beside
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.encoders import TELLING_PUSH
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
+from hil.models.parts import TELLING_PUSH
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis, decomposed, inflation
+from hil.models.bodies import pseudo_inertia
 from hil.models.effect import Trait
-from hil.models.payload import pseudo_inertia
 
 FloatArray = NDArray[np.float64]
 #: Relative errors of a description that are tried: as well as a body can be drawn and weighed, to

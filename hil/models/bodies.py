@@ -299,6 +299,20 @@ def about(p: FloatArray) -> FloatArray:
     return out
 
 
+def pseudo_inertia(pi: FloatArray) -> FloatArray:
+    """Pseudo-inertia (4, 4) of parameters m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz (10,)."""
+    m, h, (xx, xy, yy, xz, yz, zz) = pi[0], pi[1:4], pi[4:]
+    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    sigma = np.trace(about) / 2 * np.eye(3) - about
+    return np.block([[sigma, h[:, None]], [h[None, :], np.array([[m]])]])
+
+
+def parameters(j: FloatArray) -> FloatArray:
+    """Parameters (10,) of a pseudo-inertia (4, 4)."""
+    i = np.trace(j[:3, :3]) * np.eye(3) - j[:3, :3]
+    return np.array([j[3, 3], *j[:3, 3], i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
+
+
 def loop_room(d: int) -> tuple[FloatArray, ...]:
     """Room for `inverse_dynamics` of d bodies."""
     shapes = ((d, 6), (d, 6), (d, 6), (d, 3, 3), (d, 3), (3, 3), (6, 10), (6,), (6,))

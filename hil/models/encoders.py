@@ -36,7 +36,7 @@ from hil.models.effect import (
 from hil.models.friction import harmonics, position_orders
 from hil.models.kernels import delayed, eccentric, lag
 from hil.models.motion import FloatArray, Motion
-from hil.models.parts import POLES
+from hil.models.parts import POLES, TELLING_PUSH
 
 #: Cause of every lateness.
 LATENESS = ("lateness",)
@@ -150,8 +150,6 @@ def behind(u: FloatArray, dt: float, shape: Sequence[float]) -> FloatArray:
     return (u - y)[:, None]
 
 
-#: Share of the motor's effort from which an external one tells a late motion from a late command.
-TELLING_PUSH = 0.1
 #: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
 DISC_ORDER = 40.0
 #: Shape of jumps that are recorded, and the coefficient that says that they were lost counts.

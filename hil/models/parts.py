@@ -84,6 +84,8 @@ Shapes = list[tuple[float, ...]]
 Others = tuple[Shapes, "Effect", Shapes]
 #: Standard errors from which on a value is not chance.
 VALUE_DEVIATIONS = 2.0
+#: Share of the motor's effort from which an external one tells a late motion from a late command.
+TELLING_PUSH = 0.1
 #: The instance that declares no shape parameters has one shape, an empty one.
 _EMPTY: Shapes = [()]
 

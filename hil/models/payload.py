@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.optimize
 
+from hil.models.bodies import parameters, pseudo_inertia
 from hil.models.effect import (
     AT_AN_INSTANT,
     VALUE_DEVIATIONS,
@@ -129,20 +130,6 @@ class Payload(Effect):
         size = np.abs(out).max(axis=(0, 1), initial=0.0)
         acts = size > NULL_ROUNDING * size.max(initial=0.0)
         return np.where(acts if link else acts & (np.arange(10) == 0), out, 0.0)
-
-
-def pseudo_inertia(pi: FloatArray) -> FloatArray:
-    """Pseudo-inertia (4, 4) of parameters m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz (10,)."""
-    m, h, (xx, xy, yy, xz, yz, zz) = pi[0], pi[1:4], pi[4:]
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    sigma = np.trace(about) / 2 * np.eye(3) - about
-    return np.block([[sigma, h[:, None]], [h[None, :], np.array([[m]])]])
-
-
-def parameters(j: FloatArray) -> FloatArray:
-    """Parameters (10,) of a pseudo-inertia (4, 4)."""
-    i = np.trace(j[:3, :3]) * np.eye(3) - j[:3, :3]
-    return np.array([j[3, 3], *j[:3, 3], i[0, 0], i[0, 1], i[1, 1], i[0, 2], i[1, 2], i[2, 2]])
 
 
 #: The same of a pseudo-inertia's sixteen entries, (10, 16).

@@ -6,9 +6,9 @@ import pytest
 from test_robots import ARM, PREMIUM, TREE, pin_state, premium_tree, states
 
 from hil.models import catalogue
+from hil.models.bodies import parameters, pseudo_inertia
 from hil.models.effect import refused
 from hil.models.motion import Motion
-from hil.models.payload import parameters, pseudo_inertia
 from hil.models.robots import Robot
 from hil.models.urdf import UrdfRobot
 
