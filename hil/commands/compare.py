@@ -127,6 +127,8 @@ def _taken(c: Comparison) -> str:
     )
     if lag:
         said += f", without a low-pass of {lag * 1e3:.3g} ms"
+    if rate := 1e6 * problem.alignment.rate:
+        said += f", {abs(rate):.3g} us {'earlier' if rate > 0 else 'later'} with every second"
     source = "chosen from the data; to change it, set [signal] in the model file"
     if c.result.model.band != Band():
         source = "as [fitted] or [signal] in the model file says; [signal] goes first"

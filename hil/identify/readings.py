@@ -22,7 +22,7 @@ from hil.identify.bands import Rates
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.slow_motion import FINEST, KNOWN, longest_shift, slow_delay
-from hil.identify.timing import filter_text, fit_aligned
+from hil.identify.timing import filter_text, fit_aligned, growing
 from hil.models.model import base_model
 from hil.record.consistency import velocity_factor
 from hil.record.recording import Recording
@@ -37,7 +37,8 @@ class Lateness:
     Parameters
     ----------
     seconds : float or None
-        Lateness against the positions [s], negative where they are early; None = not known.
+        Lateness against the positions [s], negative where they are early; None = not known.  Where
+        it grows, that at the start.
     samples : float or None
         The same in samples.
     text : str
@@ -87,6 +88,10 @@ def lateness(recording: Recording) -> Lateness:
             "record slow strokes of about a second with much effort, for a minute",
         )
     late = problem.alignment.late
+    if problem.alignment.rate:
+        said = f"efforts against positions: {growing(problem)}, by a fit of the base model"
+        fix = "a diagnosis corrects it (to change it, set clock_ppm and shift_s under [signal])"
+        return Lateness(late, late * samples, f"{said}; {fix}")
     size, side = abs(late), "late" if late > 0 else "early"
     side += f", through {filter_text(problem.alignment)}" if problem.alignment.lag else ""
     if size < longest / FINEST:

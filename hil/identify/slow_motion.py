@@ -228,7 +228,7 @@ def _line(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Value and slope at zero of a line through some values, and their errors by the scatter.
 
-    None where the values do not determine a line.
+    Empty where the values do not determine a line.
     """
     line, inverse = np.stack([np.ones(at.size), at], axis=1), np.linalg.pinv(covariance)
     normal = line.T @ inverse @ line

@@ -276,6 +276,16 @@ def filter_text(a: Alignment) -> str:
     return f"a low-pass of {poles} at {np.sqrt(a.poles) / (2 * np.pi * a.lag):.3g} Hz"
 
 
+def growing(problem: Problem) -> str:
+    """In words how late the efforts are at both ends of a run, where their clock is another one."""
+    a, length = problem.alignment, max(float(m.since[-1]) for m in problem.motions)
+    first, last = (_lateness_text(a.late + a.rate * t) for t in (0.0, length))
+    return (
+        f"{first} at the start and {last} at the end: their clock and that of the positions differ "
+        f"by {abs(1e6 * a.rate):.3g} ppm"
+    )
+
+
 def _lateness_text(seconds: float) -> str:
     """A lateness in words, to a hundredth of a millisecond."""
     if abs(seconds) < 1e-5:
@@ -288,15 +298,12 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
     a, longest = problem.alignment, longest_shift(problem)
     stated = problem.given_shift is not None or problem.given_lag.lag > 0.0
     if a.rate:
-        length = max(float(m.since[-1]) for m in problem.motions)
-        ends = [_lateness_text(a.late + a.rate * t) for t in (0.0, length)]
         return [
             (
                 RECORDED_LATE,
-                f"the efforts are {ends[0]} at the start and {ends[1]} at the end: their clock and "
-                f"that of the positions differ by {abs(1e6 * a.rate):.3g} ppm. They were shifted "
-                "by that. To use another value, set clock_ppm and shift_s under [signal]; "
-                "to change nothing, set shift_s to 0",
+                f"the efforts are {growing(problem)}. They were shifted by that. To use another "
+                "value, set clock_ppm and shift_s under [signal]; to change nothing, set shift_s "
+                "to 0",
             )
         ]
     if a.lag:

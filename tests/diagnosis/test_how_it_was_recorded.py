@@ -9,10 +9,13 @@ import pytest
 import scipy
 
 import hil
+from hil.cli import main
 from hil.errors import ConfigError
+from hil.identify.readings import lateness
 from hil.models.files import read_model, write_model
 from hil.models.urdf import UrdfRobot
 from hil.record.checks import check
+from hil.record.export import write_recordings
 
 
 def test_a_joint_without_an_effort_says_nothing_and_spoils_nothing():
@@ -248,6 +251,17 @@ def test_efforts_of_another_clock_are_followed(ppm, tmp_path):
     assert model.fitted.clock_ppm == pytest.approx(ppm, rel=0.1)
     again = hil.compare(runs[1:], model.as_it_is(), simulate=False)
     assert np.all(again.heldout.relative < 1.5 * d.result.relative)
+
+
+def test_another_clock_is_said_before_a_diagnosis_and_beside_a_comparison(capsys, tmp_path):
+    run = _two_clocks(plants.smooth_axis(1, 40.0, 250.0), 400.0)
+    said = lateness(run)
+    assert "at the start and 15.9 ms late at the end" in said.text and "398 ppm" in said.text
+    assert said.seconds == pytest.approx(0.0, abs=1e-4)
+    write_model(hil.fit(run, hil.base_model(run.robot)).model, tmp_path / "m.toml")
+    write_recordings(tmp_path / "r.mcap", [run])
+    assert main(["compare", str(tmp_path / "r.mcap"), "--model", str(tmp_path / "m.toml")]) == 0
+    assert "us earlier with every second" in capsys.readouterr().out
 
 
 def test_another_clock_is_found_beside_a_large_effect_that_was_missing():
