@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -159,3 +160,14 @@ def test_what_strays_without_a_friction_model_is_no_error_of_the_theory():
     means[palpation.BARE][3] = SeedMean(0.18, 0.0)
     said = " ".join(palpation.PAGE.read(means))
     assert "The largest difference to the prediction is 5 % where forces are measured" in said
+
+
+def test_the_page_has_the_test_of_the_thesis_and_its_figures():
+    """Pair, U and p of ten seeds, with the share that is predicted and found."""
+    page = (Path(__file__).parents[2] / "docs/experiments/palpation.md").read_text(encoding="utf-8")
+    head = next(line for line in page.splitlines() if line.startswith("| pair |"))
+    assert [x.strip() for x in head.split("|")[2:6]] == ["predicted", "found", "shift", "U"]
+    (row,) = [x for x in page.splitlines() if x.startswith(f"| {palpation.FOUR} / {FREE} |")]
+    predicted, found = ([float(x) for x in c.split("/")] for c in row.split("|")[2:4])
+    assert np.allclose(predicted, found, rtol=0.05)
+    assert float(row.split("|")[6]) > 0.05  # no loss is shown
