@@ -11,7 +11,7 @@ from hil.diagnosis.attribution import impossible
 from hil.diagnosis.verbs import Rung, rising, useless
 from hil.errors import ConfigError
 from hil.models.model import Value
-from hil.report.json import ladder_json
+from hil.report.data import ladder_json
 
 EXAMPLE = "hil add stribeck run.mcap --joint joint2 --model arm.toml -o arm2.toml"
 

@@ -10,7 +10,7 @@ from hil.diagnosis import verbs
 from hil.diagnosis.verbs import Comparison
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.models.model import Band
-from hil.report.json import comparison_json
+from hil.report.data import comparison_json
 
 EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 

@@ -18,7 +18,7 @@ from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import at_reversals, blurred_above
 from hil.diagnosis.equivalence import at_issue_of, sets_of
-from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.unnamed import told
 from hil.diagnosis.verbs import Rung, rising
@@ -30,8 +30,7 @@ from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
 from hil.models.model import Value, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find
-from hil.report.data import from_diagnosis
-from hil.report.json import diagnosis_json, ladder_json
+from hil.report.data import diagnosis_json, from_diagnosis, ladder_json
 from hil.report.text import (
     ACCEPT,
     AT_REVERSALS,

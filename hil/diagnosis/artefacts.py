@@ -48,7 +48,7 @@ from hil.diagnosis.constants import (
     TENTH,
 )
 from hil.diagnosis.types import Candidate, Evidence, Step
-from hil.identify import bands, standstill
+from hil.identify import bands
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -367,7 +367,7 @@ def coarse(problem: Problem) -> NDArray[np.bool_]:
         out = np.zeros(problem.d, dtype=bool)
         for m, r in zip(problem.motions, problem.recordings, strict=True):
             moved = np.median(np.abs(m.qd), axis=0) * m.dt
-            out |= moved < COARSE_COUNTS * standstill.quanta(r.q)
+            out |= moved < COARSE_COUNTS * bands.quanta(r.q)
         problem.memo["coarse",] = out
     found: NDArray[np.bool_] = problem.memo["coarse",]
     return found

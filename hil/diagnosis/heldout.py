@@ -4,24 +4,43 @@ The sharpness of Coulomb friction's sign is what fitted runs hardly say and othe
 the sharpest sign that explains its runs about as well as the best one, for a blunt sign imitates
 what happens at low speed.  Runs that reverse quickly hardly tell them apart; a run that lingers
 about zero speed does, and its error is then neither noise nor a missing effect.
+
+Where a held-out session differs from the fitted ones, and which effect only one of them holds.
+
+Three cases, joint by joint, each with its own sign:
+
+- *values*: with the parameters of the fit the held-out error is far above what the same model
+  leaves when it is fitted to that session alone; within what their standard errors allow, that is
+  the fit's motion and not the rig;
+- *theirs*: fitted alone the held-out session keeps an error that a candidate explains there, and
+  that candidate is not in the fitted ones;
+- *ours*: a candidate explains what is left in the fitted sessions, and the held-out one, fitted
+  alone, shows less than a quarter of it.
+
+Nothing here changes a verdict; it says why one came out as it did.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.attribution import choose, plausible
 from hil.diagnosis.candidates import held_out
-from hil.diagnosis.constants import WORTH
-from hil.diagnosis.evidence import floor_of
+from hil.diagnosis.constants import ADEQUATE, CERTAIN, HALF, NEAR_FLOOR, OPEN, SURE, WHOLE, WORTH
+from hil.diagnosis.evidence import floor_of, gather, in_time, terms_to_try
 from hil.diagnosis.folds import Split, split
-from hil.diagnosis.types import Evidence, HeldOut, Step
+from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step
 from hil.errors import DataError, plural
 from hil.identify.context import set_context
-from hil.identify.design import Term
-from hil.identify.fit import assemble, fit, predict, time_blocks
-from hil.identify.predict import outside, own_values
+from hil.identify.design import Term, coefficients
+from hil.identify.fit import assemble, fit, in_units, predict
+from hil.identify.predict import identified, leaves, outside, own_values
 from hil.identify.problem import AUTOMATIC, Problem
+from hil.identify.projector import Projector
+from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE
 from hil.identify.timing import fit_aligned
@@ -33,6 +52,7 @@ FloatArray = NDArray[np.float64]
 
 
 # ------------------------------------------------------------ examiner
+# ------------------------------------------------------------ what turns one session into the other
 
 
 class Examiner:
@@ -263,3 +283,293 @@ def _with(result: FitResult, term: Term, v0: float) -> FitResult:
     terms = [t.reshaped((v0, *t.shape[1:])) if t is term else t for t in result.terms]
     set_context(result.problem, terms)
     return assemble(result.problem, result.model, terms, result.sigma)
+
+
+@dataclass(frozen=True)
+class _Try:
+    """One explanation: words, share of the difference, and its score."""
+
+    text: str
+    share: float
+    score: float
+
+
+def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: int) -> str:
+    """Words for what would account for joint j's error under the other's parameters.
+
+    All parameters stay as they were fitted; one term at a time is added to them, of the model's
+    own (another value) or of the catalogue's (an effect), and the best is told with its share of
+    what the parameters miss; longer laws pay the price of their coefficients.  Empty where none
+    accounts for `WHOLE` of it.
+
+    Parameters
+    ----------
+    fitted, alone : FitResult
+        The fit, and the same model fitted to the other runs.
+    residual : ndarray (d, n)
+        Residual of the other runs under the fit.
+    j : int
+        Joint.
+    """
+    problem, sigma = alone.problem, alone.sigma
+    bare = Projector(problem, [], sigma)
+    bare.residual = (residual / sigma[:, None]).reshape(-1)
+    bare.rss = float(bare.residual @ bare.residual)
+    r, left = residual[j] / sigma[j], alone.residual[j] / sigma[j]
+    missed = max(float(r @ r - left @ left), 1e-300)
+    per = float(np.mean(left**2)) * inflation(left, problem.run)
+    price = float(np.log(max(r.size / inflation(left, problem.run), 2.0)))
+    tried = [_scaled(fitted, alone, residual, j, missed, per, price)]
+    for term, known in _terms(fitted, alone, j):
+        tried.append(_tried(term, known, bare, missed, per, price, j))
+    best = max(tried, key=lambda x: x.score)
+    if best.share < WHOLE:
+        return ""
+    return f"{best.text} would explain {100 * min(best.share, 1.0):.0f} % of that"
+
+
+def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool]]:
+    """Terms on joint j: the model's own with their shapes (True), and candidates without any.
+
+    What has a shape to be searched would imitate anything, but for a difference between runs; what
+    every run has for itself says nothing of another one.
+    """
+    mine = [t for t in fitted.terms if t.effect.scope.whole or t.joint == j]
+    own = [(t, True) for t in mine if not t.per_run]
+    new = [
+        replace(t, per_run=False, shape=shape)
+        for t in terms_to_try(alone)[0]
+        if (t.effect.variation.relative or not t.effect.shape)
+        and (t.effect.scope.of_robot or t.joint == j)
+        for shape in t.effect.search.grid(alone.problem.motions[0], j)
+    ]
+    return [*own, *((t, False) for t in new)]
+
+
+def _tried(
+    term: Term, known: bool, bare: Projector, missed: float, per: float, price: float, j: int
+) -> _Try:
+    columns = bare.weighted(term)
+    rows = bare.residual[bare.rows(term)]
+    beta = least_squares(columns, rows)
+    n = bare.problem.n
+    part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.scope.whole else columns @ beta
+    r = bare.residual[j * n : (j + 1) * n]
+    gain = float(r @ r - (r - part) @ (r - part))
+    return _Try(_words(term, known, beta, bare), gain / missed, gain / per - price * beta.size)
+
+
+def _words(term: Term, known: bool, beta: FloatArray, bare: Projector) -> str:
+    """E.g. ``torque-offset on joint2 (0.3 N m)``, ``another value of j2.coulomb.fc (by 0.1)``."""
+    problem = bare.problem
+    joints, named = problem.joints, coefficients(term, problem)
+    unit = in_units(named[0][1].unit, problem, term.joint)
+    size = f"{beta[0]:+.3g} {unit}".removesuffix(" 1") if beta.size == 1 else ""
+    if known:
+        if beta.size == 1:
+            return f"another {named[0][0]} ({size})"
+        return f"other values of {term.effect.name}"
+    where = "" if term.effect.scope.of_robot else f" on {joints[term.joint]}"
+    return f"{term.effect.name}{where}{f' ({size})' if size else ''} in one of them"
+
+
+def _scaled(
+    fitted: FitResult,
+    alone: FitResult,
+    residual: FloatArray,
+    j: int,
+    missed: float,
+    per: float,
+    price: float,
+) -> _Try:
+    """All efforts of the joint scaled: another torque constant, gear or unit."""
+    model = alone.problem.y[j] - residual[j]
+    size = float(model @ model)
+    if size == 0.0:
+        return _Try("", 0.0, -np.inf)
+    g = float(model @ residual[j]) / size
+    gain = g * g * size / float(alone.sigma[j]) ** 2
+    text = f"all efforts of the joint scaled by {1 + g:.3g} (a torque-gain, a gear, a unit)"
+    return _Try(text, gain / missed, gain / per - price)
+
+
+def foretold(fitted: FitResult, alone: FitResult, j: int) -> float:
+    """Difference of two fits' predictions on joint j in units of what their errors allow.
+
+    With X the columns of the other runs, theta and V the coefficients of both fits and their
+    covariances,  z^2 = |X (theta_1 - theta_2)|^2 / tr X (V_1 + V_2) X';  directions that the first
+    fit does not determine are left out of both.
+    """
+    rows = slice(j * alone.problem.n, (j + 1) * alone.problem.n)
+    x = alone.x[rows]
+    if fitted.names != alone.names:
+        return float("inf")
+    b = fitted.basis
+    known = (b.v @ b.v.T) * b.scale[None, :] / b.scale[:, None]
+    x = x @ known
+    moved = x @ (fitted.theta - alone.theta)
+    allowed = sum(float(np.sum((x @ v) * x)) for v in map(_covariance, (fitted, alone)))
+    return float(np.sqrt(moved @ moved / max(allowed, 1e-300)))
+
+
+def _covariance(f: FitResult) -> FloatArray:
+    blocks = np.tile(time_blocks(f.problem), f.problem.d)
+    return cluster_covariance((f.residual / f.sigma[:, None]).reshape(-1), f.basis, blocks)
+
+
+DIFFER, SAID = "sessions-differ", "the sessions differ"
+BOTH = "Give the held-out session to the fit, too, and hold out another one"
+ADVICE = (
+    f"{BOTH}, set what belongs to a day under [offsets] in "
+    "the map file, or record anew in one state of the rig"
+)
+
+
+# ------------------------------------------------------------ differences
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The fit, the held-out runs under it, and the same model fitted to those alone."""
+
+    fitted: FitResult
+    heldout: HeldOut
+    alone: FitResult
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.fitted.problem.joints
+
+    @property
+    def ours(self) -> str:
+        return ", ".join(r.name for r in self.fitted.problem.recordings)
+
+    @property
+    def theirs(self) -> str:
+        return ", ".join(r.name for r in self.alone.problem.recordings)
+
+
+def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
+    """Warnings (code, sentence), the last with what to do; none without held-out sessions.
+
+    Parameters
+    ----------
+    out : Diagnosis
+        With its verdict, and what its motion could not show.
+    examine : Examiner
+        Has fitted the last model to the held-out runs alone.
+    """
+    if examine.alone is None:
+        return []
+    step = out.ladder[-1]
+    pair = _Pair(step.result, step.heldout, examine.alone)
+    moves = np.flatnonzero(~pair.fitted.problem.holds & ~pair.alone.problem.holds).tolist()
+    found = _ours(out, pair, moves) + _theirs(out, pair, moves)
+    told = {k for k, text in found if text}
+    above = step.heldout.rms > ADEQUATE * out.noise
+    found += [(j, _values(pair, j)) for j in moves if above[j] and j not in told]
+    texts = [text for _, text in sorted(found) if text]
+    what = ADVICE if any(SAID in t for t in texts) else BOTH
+    return [(DIFFER, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]
+
+
+def _values(pair: _Pair, j: int) -> str:
+    """The sentence where parameters of the fit do not serve the held-out runs; else empty."""
+    rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
+    single = replace(pair.heldout, residual=pair.alone.residual)
+    if rms <= NEAR_FLOOR * own or single.gain(pair.heldout, j) < SURE:
+        return ""
+    joint, times = pair.fitted.problem.joints[j], rms / max(own, 1e-300)
+    text = (
+        f"with the parameters fitted to {pair.ours} the error on {pair.theirs} is {times:.1f} "
+        f"times the error of the same model fitted to {pair.theirs} alone"
+    )
+    if foretold(pair.fitted, pair.alone, j) < CERTAIN:
+        return (
+            f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "
+            f"determine what {pair.theirs} needs"
+        )
+    why = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
+    left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
+    lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""
+    return f"{joint}: {' '.join([lead, SAID]).strip()}: {text}{f'; {why}' if why else ''}"
+
+
+def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
+    """Sentences for what only the held-out sessions hold."""
+    quiet = np.minimum(out.floor, pair.fitted.rms)
+    louder = [j for j in joints if HALF * pair.alone.rms[j] ** 2 > quiet[j] ** 2]
+    if not louder:
+        return []
+    evidence, known = gather(pair.alone), _real(out.last, pair.fitted)
+    texts = []
+    for j in louder:
+        above = evidence.floor.exceeded(pair.alone.rms, j)
+        named = [c for c in _real(evidence, pair.alone) if c.joint == j and above]
+        if named and (named[0].name, j) not in {(k.name, k.joint) for k in known}:
+            floor = float(min(evidence.floor.rms[j], evidence.floor.scale[j]))
+            told = (_names(named, evidence.projector), pair.theirs, pair.ours)
+            blind = any(u.hides(named[0].name, pair.joints[j]) for u in out.unseen)
+            blind |= bool(leaves(identified(pair.fitted.problem), pair.alone.problem, j))
+            texts.append((j, _only(named[0], floor, told, pair.alone, blind)))
+    return texts
+
+
+def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
+    """Sentences for what only the fitted sessions hold, where no name stands."""
+    if out.verdict not in ("unexplained", "ambiguous"):
+        return []
+    texts, candidates = [], _real(out.last, pair.fitted)
+    beside = Projector(pair.alone.problem, pair.alone.terms, pair.alone.sigma)
+    for j in joints:
+        named = [c for c in candidates if c.joint == j and not c.term.per_run]
+        if not named or _power(named[0], beside) > OPEN * _here(named[0], pair.fitted):
+            continue
+        floor = float(min(out.last.floor.rms[j], out.last.floor.scale[j]))
+        told = (_names(named, out.last.projector), pair.ours, pair.theirs)
+        texts.append((j, _only(named[0], floor, told, pair.fitted)))
+    return texts
+
+
+def _real(evidence: Evidence, result: FitResult) -> list[Candidate]:
+    """Candidates that could be named beside a fit."""
+    return [c for c in plausible(evidence, result) if in_time(c, result)]
+
+
+def _names(named: list[Candidate], projector: Projector | None) -> str:
+    """Best candidate and those that the data hardly tell from it."""
+    if projector is None:
+        return named[0].name
+    best, _, rivals = choose(named, projector)
+    return " or ".join(dict.fromkeys([best.name, *(c.name for c, _ in rivals)]))
+
+
+def _here(c: Candidate, result: FitResult) -> float:
+    """Power of the residual that a candidate explains on its joint where it was found."""
+    j = c.joint
+    return float(c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0))
+
+
+def _power(c: Candidate, beside: Projector) -> float:
+    """The same in other sessions, with the same shape."""
+    problem, j = beside.problem, c.joint
+    return float(beside.gain(c.term) * beside.sigma[j] ** 2 / max(problem.count[j], 1.0))
+
+
+def _only(
+    c: Candidate, floor: float, told: tuple[str, str, str], where: FitResult, blind: bool = False
+) -> str:
+    """Sentence for an effect that the first of two sessions holds alone; empty if it is little.
+
+    Of the other one's motion it is known whether it was blind to the effect.
+    """
+    name, here, there = told
+    excess = max(float(where.rms[c.joint]) ** 2 - floor**2, 1e-300)
+    share = min(_here(c, where) / excess, 1.0)
+    if share < WHOLE:
+        return ""
+    joint = where.problem.joints[c.joint]
+    text = f"{name} would explain {100 * share:.0f} % of the error above the noise in {here}"
+    if blind:
+        return f"{joint}: {text}; the motion of {there} can hardly show it"
+    return f"{joint}: {SAID}: {text}, and {there} does not show it"

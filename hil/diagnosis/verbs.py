@@ -13,15 +13,14 @@ from hil import progress
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
-from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.heldout import Examiner, differences, settled
 from hil.diagnosis.preconditions import contradicted, mistaken, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, regions, seeming
-from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
-from hil.identify.errors import complete
+from hil.identify.fit import complete
 from hil.identify.fit import fit as fit_problem
 from hil.identify.multistep import MultiStep, both, each
 from hil.identify.parallel import single_threaded

@@ -18,18 +18,17 @@ from hil.diagnosis.artefacts import returned, shaken, smoothed
 from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import practical
-from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import changes_told, pushed, unlike, unlike_notes
-from hil.diagnosis.sessions import differences
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.diagnosis.unnamed import explainable, foretold, hidden
+from hil.identify.bands import HELD
 from hil.identify.context import renew
-from hil.identify.errors import complete
+from hil.identify.fit import complete
 from hil.identify.predict import outside
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
-from hil.identify.standstill import HELD
 from hil.identify.timing import late_effort
 from hil.models import catalogue
 from hil.models.effect import Trait

@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot, torques
 from hil.excite.question import Question, efforts, nominal, problem_of, ready
 from hil.excite.trajectory import Trajectory, grid, sample
-from hil.identify import standstill
+from hil.identify import bands
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
 from hil.models.effect import Effect
@@ -242,7 +242,7 @@ def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
     own = of_robot(problem.source)
     limits: Limits = of_data(q, qd, problem.effort.T) if own is None else own
     first = problem.recordings[0].q
-    noise = np.maximum(standstill.quanta(first), standstill.position_noise(first))
+    noise = np.maximum(bands.quanta(first), bands.position_noise(first))
     quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
     space = explore(limits, problem.robot)
     seconds = seconds or (DESCRIBED if problem.source.urdf else BARE)

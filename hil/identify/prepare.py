@@ -24,7 +24,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from hil.errors import DataError, plural
-from hil.identify import bands, standstill
+from hil.identify import bands
 from hil.identify.clock import EVEN, FILLED, Even, Timing, even
 from hil.models.model import Band
 from hil.models.motion import Motion
@@ -195,8 +195,8 @@ def signal(band: Band, recording: Recording) -> Band:
 def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitation, ...]:
     """How much each joint moved in any of the parts."""
     first = runs[0]
-    noise = np.min([standstill.position_noise(r.q) for r in runs], axis=0) * np.sqrt(12)
-    held = np.all([standstill.holding(r.q, noise) for r in runs], axis=0)
+    noise = np.min([bands.position_noise(r.q) for r in runs], axis=0) * np.sqrt(12)
+    held = np.all([bands.holding(r.q, noise) for r in runs], axis=0)
     low = np.min([r.q.min(axis=0) for r in runs], axis=0)
     span = np.max([r.q.max(axis=0) for r in runs], axis=0) - low
     clear = np.max([1 / np.maximum(bands.noise_share(r, rates.position), 1e-9) for r in runs], 0)
@@ -343,7 +343,7 @@ def _as_measured(r: Recording, rows: int) -> bool:
     for x in (r.q, r.tau):
         parts = [w * x[reach + k : reach + k + size] for w, k in zip(weight, near, strict=True)]
         error = np.sqrt(np.mean((x[reach : reach + size] - np.sum(parts, axis=0)) ** 2, axis=0))
-        if np.any(error > BRIDGE_STRAY * standstill.position_noise(x)):
+        if np.any(error > BRIDGE_STRAY * bands.position_noise(x)):
             return False
     return True
 
@@ -386,12 +386,12 @@ def prepare(
         average=step,
         wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
         temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
-        grain=standstill.position_noise(r.q) * np.sqrt(12),
+        grain=bands.position_noise(r.q) * np.sqrt(12),
         slips=_slips(r, pick, rates),
         began=part.start,
         band=rates.effort,
     )
-    still = standstill.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position)
+    still = bands.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)
     return motion, still[pick], spoilt[pick], Decimator(t.size, 1 / step, rates.effort)
 
@@ -429,7 +429,7 @@ def _external(
 def _resolution(r: Recording, rates: bands.Rates) -> FloatArray:
     """Speed noise after the position filter, at least 0.2 % of the rms speed (d,)."""
     fs, cutoff = r.rate, rates.position
-    sigma_q = standstill.position_noise(r.q)
+    sigma_q = bands.position_noise(r.q)
     # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
     sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
     rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs

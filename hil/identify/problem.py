@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
-from hil.identify import bands, standstill
+from hil.identify import bands
 from hil.identify.clock import Timing, even
 from hil.identify.column_cache import Kept, Seen, watched
 from hil.identify.prepare import Decimator, prepare, signal, timing_notes
@@ -314,7 +314,7 @@ class Rows:
             return np.zeros(self.d, dtype=bool)
         motions = [(m.q, m.grain) for m in self.motions]
         held = self.remembered(
-            ("holds",), sum(motions, ()), lambda: [standstill.holding(*m) for m in motions]
+            ("holds",), sum(motions, ()), lambda: [bands.holding(*m) for m in motions]
         )
         return np.asarray(np.all(held, axis=0)) | self.silent
 
@@ -389,7 +389,7 @@ class Rows:
         """
         if self.explains != "motor":
             self._still = [np.zeros_like(x) for x in self._still]
-        live = standstill.live(self.filtered(self._still))
+        live = bands.live(self.filtered(self._still))
         kept = np.all(live, axis=0)
         self._still = [np.where(kept, 0.0, x) for x in self._still]
         self.silent = self._silent()
@@ -399,7 +399,7 @@ class Rows:
             wide = [x[:, None] for x in self._spoilt]
             whole = zip(self._still, wide, strict=True)
             self._still = [np.maximum(x, spoilt) for x, spoilt in whole]
-            live &= np.abs(self.filtered(wide)) <= standstill.TOLERATED
+            live &= np.abs(self.filtered(wide)) <= bands.TOLERATED
         #: Joints (d,) that stand still at any instant that counts.
         self._stands = np.any([np.any(x, axis=0) for x in self._still], axis=0)
         return live.T.copy()

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.description import Pull
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
+from hil.identify.solve import Pull
 from hil.models.model import RobotModel, Value, in_words
 from hil.shown import Shown
 

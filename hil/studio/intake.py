@@ -30,7 +30,7 @@ from hil.record.recording import Recording
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
 from hil.record.units import FACTORS
-from hil.report.json import number
+from hil.report.data import rounded
 from hil.testing.effects import check_effect
 from hil.userfile import write_text
 
@@ -171,9 +171,9 @@ def _column(table: ForeignTable, name: str, guessed: Mapping[str, Any]) -> dict[
     low, high = (float(fine.min()), float(fine.max())) if fine.size else (np.nan, np.nan)
     return {
         "name": name,
-        "first": [number(float(v), 5) for v in values[:FIRST]],
-        "low": number(low, 4),
-        "high": number(high, 4),
+        "first": [rounded(float(v), 5) for v in values[:FIRST]],
+        "low": rounded(low, 4),
+        "high": rounded(high, 4),
         "missing": int(values.size - fine.size),
         "guess": guessed,
     }

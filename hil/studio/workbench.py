@@ -25,9 +25,8 @@ from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import Recording
 from hil.report import effects
 from hil.report import text as sentences
-from hil.report.data import from_diagnosis
+from hil.report.data import candidate_json, diagnosis_json, from_diagnosis, region_json, rounded
 from hil.report.html import comparison_report, diagnosis_report
-from hil.report.json import candidate_json, diagnosis_json, number, region_json
 
 #: Points of a view over speed, position or effort; pairs of extremes of a curve over time.
 POINTS, PAIRS = 1500, 800
@@ -429,7 +428,7 @@ def _errors(held: HeldOut, noise: FloatArray) -> list[dict[str, float | None]]:
     """Error of every joint over its noise floor, and relative to the effort [%]."""
     ratio = held.rms / np.maximum(noise, 1e-300)
     return [
-        {"ratio": number(float(r)), "relative": number(float(x))}
+        {"ratio": rounded(float(r)), "relative": rounded(float(x))}
         for r, x in zip(ratio, held.relative, strict=True)
     ]
 
@@ -451,8 +450,8 @@ def _value(name: str, v: Value) -> dict[str, Any]:
     half = 1.96 * v.stderr
     return {
         "name": name,
-        "value": number(v.value, 5),
-        "half": number(half, 2),
+        "value": rounded(v.value, 5),
+        "half": rounded(half, 2),
         "unit": "" if v.unit == "1" else v.unit,
         "note": "on its bound" if v.at_bound else "" if v.identifiable else "undetermined",
     }
@@ -498,7 +497,7 @@ def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | N
         for y in (x, data, law)
     ]
     return {
-        name: [number(float(v), 4) for v in y]
+        name: [rounded(float(v), 4) for v in y]
         for name, y in zip(("x", "data", "law"), mean, strict=True)
     }
 
@@ -509,7 +508,7 @@ def _picked(n: int) -> Any:
 
 
 def _short(values: Any, pick: Any) -> list[float | None]:
-    return [number(float(v), 4) for v in values[pick]]
+    return [rounded(float(v), 4) for v in values[pick]]
 
 
 def _series(result: FitResult, floor: FloatArray) -> dict[str, Any]:
@@ -526,7 +525,7 @@ def _series(result: FitResult, floor: FloatArray) -> dict[str, Any]:
                 "effort": _short(p.effort[j], pick),
                 "position": _short(p.q[j], pick),
                 "speed": _short(p.qd[j], pick),
-                "floor": number(float(floor[j])),
+                "floor": rounded(float(floor[j])),
             }
             for j in range(p.d)
         ],
@@ -541,8 +540,8 @@ def _trace(t: Any, run: Any, y: Any) -> dict[str, list[Any]]:
     ends = [begin + whole.argmin(axis=1), begin + whole.argmax(axis=1)]
     pick = np.unique(np.minimum(np.concatenate(ends), y.size - 1))
     return {
-        "t": [number(float(v), 6) for v in t[pick]],
-        "y": [number(float(v), 4) for v in y[pick]],
+        "t": [rounded(float(v), 6) for v in t[pick]],
+        "y": [rounded(float(v), 4) for v in y[pick]],
         "run": np.asarray(run)[pick].tolist(),
     }
 

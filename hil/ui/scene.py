@@ -15,7 +15,7 @@ import numpy as np
 from hil import registry
 from hil.errors import HilError
 from hil.models.robots import bare_robot
-from hil.report.json import number
+from hil.report.data import rounded
 from hil.rig.config import RigConfig, robot_source
 from hil.teleop import gate, law_parameters
 from hil.toml import parse
@@ -56,7 +56,7 @@ class Scene:
             if robot is None or not hasattr(robot, "places") or None in arm["position"]:
                 continue
             places = robot.places(np.array(arm["position"], dtype=np.float64))
-            out[name] = [[number(float(x), 5) for x in row] for row in places]
+            out[name] = [[rounded(float(x), 5) for x in row] for row in places]
         return out
 
     def joints(self) -> list[dict[str, str]]:
@@ -121,7 +121,11 @@ def margins_of(law: str, parameters: Any, period: float) -> dict[str, Any]:
         "level": "good" if stable else "bad",
         "text": text,
         "axes": [
-            {"axis": m.axis, "radius": number(m.radius, 6), "delay_ms": number(1e3 * m.delay_s, 3)}
+            {
+                "axis": m.axis,
+                "radius": rounded(m.radius, 6),
+                "delay_ms": rounded(1e3 * m.delay_s, 3),
+            }
             for m in found
         ],
     }
@@ -146,7 +150,7 @@ def _gel(config: RigConfig, robots: Mapping[str, Any]) -> dict[str, Any] | None:
     ):
         return None
     x, y, z = robot.places(np.array(home, dtype=np.float64))[-1]
-    centre = [number(float(v), 5) for v in (x, y, z - below)]
+    centre = [rounded(float(v), 5) for v in (x, y, z - below)]
     return {"arm": arm, "centre": centre, "size": [*declared.size]}
 
 

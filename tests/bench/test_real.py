@@ -60,7 +60,7 @@ KNOWN = {
 @pytest.mark.parametrize("name", KNOWN)
 def test_person_on_recordings(name, monkeypatch):
     # the published figures are of rows among which a joint that creeps while it sticks still moves
-    monkeypatch.setattr("hil.identify.standstill.CREEP", 0.0)
+    monkeypatch.setattr("hil.identify.bands.CREEP", 0.0)
     # and whose counts are not seen in tables of rounded numbers
     monkeypatch.setattr("hil.record.jumps._multiples", lambda steps: 0.0)
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")

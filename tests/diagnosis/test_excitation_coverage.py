@@ -8,8 +8,8 @@ from hil.diagnosis.engine import diagnose
 from hil.diagnosis.unnamed import HIDDEN_SHARE
 from hil.diagnosis.verbs import ladder
 from hil.models.model import base_model
+from hil.report.data import diagnosis_json
 from hil.report.html import diagnosis_report
-from hil.report.json import diagnosis_json
 
 
 def answer(run):

@@ -10,7 +10,7 @@ import pytest
 import hil
 from hil.diagnosis.types import Explainable
 from hil.diagnosis.unnamed import told
-from hil.report.json import diagnosis_json
+from hil.report.data import diagnosis_json
 
 
 @pytest.fixture(scope="module")

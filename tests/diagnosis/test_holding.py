@@ -7,7 +7,7 @@ import pytest
 
 from hil.cli import main
 from hil.diagnosis.engine import diagnose
-from hil.identify import standstill
+from hil.identify import bands
 from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
@@ -39,4 +39,4 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
 def test_what_does_not_move_at_all_is_held_and_what_creeps_is_not():
     still, creeping = np.zeros(1000), np.linspace(0.0, 0.1, 1000)
     q, grain = np.stack([still, creeping], axis=1), np.array([0.0, 1e-4])
-    assert standstill.holding(q, grain).tolist() == [True, False]
+    assert bands.holding(q, grain).tolist() == [True, False]

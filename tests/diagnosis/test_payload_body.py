@@ -12,8 +12,8 @@ from hil.diagnosis.types import Diagnosis
 from hil.models.files import read_model, write_model
 from hil.models.model import Use, Value, base_model
 from hil.record.recording import Recording, RobotSource
+from hil.report.data import diagnosis_json
 from hil.report.html import diagnosis_report
-from hil.report.json import diagnosis_json
 
 #: Axes of two joints that gravity turns.
 PITCH = ("0 1 0", "0 1 0")

@@ -8,11 +8,11 @@ import pytest
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.sessions import DIFFER
+from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.verbs import compare, ladder
 from hil.models.model import base_model
+from hil.report.data import diagnosis_json
 from hil.report.html import diagnosis_report
-from hil.report.json import diagnosis_json
 
 
 @cache

@@ -7,9 +7,9 @@ import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
+from hil.identify.bands import standing
 from hil.identify.problem import Problem
 from hil.identify.slow_motion import longest_shift, slow_delay
-from hil.identify.standstill import standing
 from hil.identify.timing import fit_aligned
 from hil.models.model import base_model
 from hil.models.presliding import Presliding

@@ -10,7 +10,7 @@ import hil
 from hil.errors import ConfigError
 from hil.models.files import read_model, write_model
 from hil.models.model import Range
-from hil.report.json import comparison_json, diagnosis_json
+from hil.report.data import comparison_json, diagnosis_json
 
 
 def model_of(run, folder):

@@ -13,7 +13,7 @@ from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import sets_of
 from hil.models.model import base_model
 from hil.record.mcap_read import load
-from hil.report.json import diagnosis_json
+from hil.report.data import diagnosis_json
 from hil.rig.config import load_rig
 from hil.runtime import runner
 

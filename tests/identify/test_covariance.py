@@ -5,8 +5,7 @@ import plants
 import pytest
 
 from hil.identify.design import Term
-from hil.identify.errors import complete
-from hil.identify.fit import fit, jacobian
+from hil.identify.fit import complete, fit, jacobian
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult

@@ -7,10 +7,10 @@ import numpy as np
 import plants
 import pytest
 
-from hil.identify.description import Pull, serves
 from hil.identify.fit import fit
 from hil.identify.predict import predict
 from hil.identify.problem import Problem
+from hil.identify.solve import Pull, serves
 from hil.models.model import base_model
 from hil.record.recording import RobotSource
 

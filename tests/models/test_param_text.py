@@ -14,7 +14,7 @@ from hil.models.files import read_model, write_model
 from hil.models.model import Value, base_model, in_words, remark, without_error
 from hil.models.presliding import LUGRE
 from hil.record.recording import RobotSource
-from hil.report.json import value_json
+from hil.report.data import value_json
 from hil.report.text import value
 from hil.testing.effects import sample_motions
 

@@ -21,10 +21,9 @@ from hil.identify import bands
 from hil.models import catalogue
 from hil.models.model import Value
 from hil.models.parts import Trait
-from hil.report.data import from_diagnosis
+from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.json import diagnosis_json
 from hil.report.text import Files, next_steps, with_model
 
 
