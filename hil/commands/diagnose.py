@@ -18,9 +18,9 @@ from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import at_reversals, blurred_above
 from hil.diagnosis.equivalence import at_issue_of, sets_of
+from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
-from hil.diagnosis.unnamed import told
 from hil.diagnosis.verbs import Rung, rising
 from hil.diagnosis.verdict import NO_GEOMETRY, only_there
 from hil.errors import plural

@@ -13,12 +13,11 @@ from typing import Any
 from hil import outputs, progress, terminal
 from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
-from hil.excite import fourier, menu, trajectory
+from hil.excite import choose, fourier, trajectory
 from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
-from hil.excite.limits import Limits, Margin, of_robot
 from hil.excite.question import BAND, Question, Rival
 from hil.excite.stage import Stage, explore, foreseen, stage_of
-from hil.excite.trajectory import Played, Trajectory, header, rounds
+from hil.excite.trajectory import Limits, Margin, Played, Trajectory, header, of_robot, rounds
 from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
@@ -284,7 +283,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help="arm of the rig; default: the first one that moves")
     parser.add_argument("--joint", help="joint in question; default: all in turn")
     parser.add_argument(
-        "--motion", choices=tuple(menu.MENU), help="this motion of the menu, not the best one"
+        "--motion", choices=tuple(choose.MENU), help="this motion of the menu, not the best one"
     )
     parser.add_argument(
         "--seconds",
@@ -358,7 +357,7 @@ def _separate(
     if found.structural:
         raise ConfigError(_inseparable(names))
     motion = _named(best.motion, names)
-    what = f"separates {_versus(names)}: {menu.describe(best.motion.name, joints)}"
+    what = f"separates {_versus(names)}: {choose.describe(best.motion.name, joints)}"
     rows = _write(args, motion, stage, what)
     if args.json:
         listed = [
@@ -367,7 +366,7 @@ def _separate(
         ]
         terminal.emit(as_dict(args, motion, best.margins, rows) | {"menu": listed})
         return 0
-    about = menu.describe(motion.name, joints)
+    about = choose.describe(motion.name, joints)
     terminal.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {about}\n"
         f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units), model)}\n"

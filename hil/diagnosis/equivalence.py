@@ -49,11 +49,11 @@ from hil.diagnosis.types import (
     Unseen,
 )
 from hil.errors import ConfigError
-from hil.excite import menu
+from hil.excite import choose
 from hil.excite.choose import Choice, Survey, decide, measured, survey
-from hil.excite.limits import of_robot
 from hil.excite.question import Question, Rival, gram, in_context, sharp
 from hil.excite.stage import Stage, model_words, output_words, robot_word, room, stage_of
+from hil.excite.trajectory import of_robot
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -127,7 +127,7 @@ class Planner:
         question = _question(context, base, theta, result, self.evidence, among)
         known = gram(context, question)
         whole = all(c.term.effect.scope.whole for c in among)
-        names = tuple(n for n in menu.MENU if not whole or n in RICH)
+        names = tuple(n for n in choose.MENU if not whole or n in RICH)
         joint = None if whole else among[0].term.joint
         return survey(question, stage, joint, known, names), question
 
@@ -379,7 +379,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = " ".join([*words, "--motion", motion, *output_words(problem)])
-    where, about = "" if whole else f" of {joint}", menu.describe(motion, problem.d)
+    where, about = "" if whole else f" of {joint}", choose.describe(motion, problem.d)
     text = (
         f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} foreseen{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")

@@ -1,11 +1,11 @@
-"""Errors on data that the parameters have not seen, and how sharp a sign they ask for.
+"""Errors on data that the parameters have not seen, and where a held-out session differs.
 
 The sharpness of Coulomb friction's sign is what fitted runs hardly say and others do.  A fit takes
 the sharpest sign that explains its runs about as well as the best one, for a blunt sign imitates
 what happens at low speed.  Runs that reverse quickly hardly tell them apart; a run that lingers
 about zero speed does, and its error is then neither noise nor a missing effect.
 
-Where a held-out session differs from the fitted ones, and which effect only one of them holds.
+A held-out session differs from the fitted ones where an effect is in only one of them.
 
 Three cases, joint by joint, each with its own sign:
 
@@ -52,7 +52,6 @@ FloatArray = NDArray[np.float64]
 
 
 # ------------------------------------------------------------ examiner
-# ------------------------------------------------------------ what turns one session into the other
 
 
 class Examiner:
@@ -283,6 +282,9 @@ def _with(result: FitResult, term: Term, v0: float) -> FitResult:
     terms = [t.reshaped((v0, *t.shape[1:])) if t is term else t for t in result.terms]
     set_context(result.problem, terms)
     return assemble(result.problem, result.model, terms, result.sigma)
+
+
+# ------------------------------------------------------------ what turns one session into the other
 
 
 @dataclass(frozen=True)

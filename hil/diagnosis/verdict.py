@@ -17,12 +17,11 @@ from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
 from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
-from hil.diagnosis.floor import practical
+from hil.diagnosis.floor import explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import changes_told, pushed, unlike, unlike_notes
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
-from hil.diagnosis.unnamed import explainable, foretold, hidden
 from hil.identify.bands import HELD
 from hil.identify.context import renew
 from hil.identify.fit import complete

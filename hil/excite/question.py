@@ -26,8 +26,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hil.excite.limits import Limits
-from hil.excite.trajectory import Trajectory, grid, sample
+from hil.excite.trajectory import Limits, Trajectory, grid, sample
 from hil.identify.bands import Rates
 from hil.identify.context import update_load
 from hil.identify.design import Term, bind, coefficients, stack

@@ -14,9 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.excite.limits import HEADROOM, Limits, Margin, allowed, margins, of_data, of_robot, torques
 from hil.excite.question import Question, efforts, nominal, problem_of, ready
-from hil.excite.trajectory import Trajectory, grid, sample
+from hil.excite.trajectory import (
+    HEADROOM,
+    Limits,
+    Margin,
+    Trajectory,
+    allowed,
+    grid,
+    margins,
+    of_data,
+    of_robot,
+    sample,
+    torques,
+)
 from hil.identify import bands
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem

@@ -19,7 +19,7 @@ Zeger, Biometrika 73, 1986.
 
 How the model's effort changes with its shape values: central differences.
 
-Standard errors of all shape values, for what is printed.
+Standard errors of all shape values are for what is printed.
 
 `spread` counts the first shape value of a term, by which the search goes.  An exponent, a damping
 ratio or a sign resolution that was picked beside it is as uncertain, and widens what trades off

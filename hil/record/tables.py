@@ -35,11 +35,10 @@ from hil.record.locked import (
     grouped,
     in_base_axes,
 )
-from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target
+from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target, time_unit
 from hil.record.recording import Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
-from hil.record.units import time_unit
 from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 

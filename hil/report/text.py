@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
-from hil.diagnosis.floor import known_to
+from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
 from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
-from hil.diagnosis.unnamed import told
 from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE

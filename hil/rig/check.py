@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite import trajectory
-from hil.excite.limits import INF, Limits, of_robot
-from hil.excite.limits import check as check_motion
+from hil.excite.trajectory import INF, Limits, of_robot
+from hil.excite.trajectory import check as check_motion
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.rig import boxes

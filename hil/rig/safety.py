@@ -18,7 +18,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.excite.limits import Limits
+from hil.excite.trajectory import Limits
 from hil.rig.config import ArmConfig, SafetyConfig
 from hil.signals.device import FloatArray, Status
 

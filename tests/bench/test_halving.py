@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.bench.diagnosis import cases, halving, runner
+from hil.bench.diagnosis import cases, command, runner
 from hil.diagnosis import constants, engine, residual_tests, rules, types
 from hil.errors import ConfigError, DataError
 
@@ -14,7 +14,7 @@ def row(case, outcome, names=()):
 
 
 def test_every_number_of_the_file_is_varied():
-    known = halving.numbers()
+    known = command.numbers()
     assert known["LEVEL"] == constants.LEVEL and known["SWINGS"] == constants.SWINGS
     # what follows from another one is not varied by itself
     assert not {"SURE", "ADEQUATE", "NEAR_FLOOR", "WHOLE", "CONFIDENT"} & set(known)
@@ -22,20 +22,20 @@ def test_every_number_of_the_file_is_varied():
 
 
 def test_what_follows_from_a_number_follows_it():
-    assert halving.varied("TENTH", 0.5)["NEAR_FLOOR"] == pytest.approx(1.05**2)
-    assert halving.varied("OPEN", 2.0)["WHOLE"] == pytest.approx(0.4)
-    assert halving.varied("LEVEL", 0.5)["SURE"] == pytest.approx(2.5758, abs=1e-4)
-    assert halving.varied("DOUBT", 2.0)["CONFIDENT"] == pytest.approx(0.5)
+    assert command.varied("TENTH", 0.5)["NEAR_FLOOR"] == pytest.approx(1.05**2)
+    assert command.varied("OPEN", 2.0)["WHOLE"] == pytest.approx(0.4)
+    assert command.varied("LEVEL", 0.5)["SURE"] == pytest.approx(2.5758, abs=1e-4)
+    assert command.varied("DOUBT", 2.0)["CONFIDENT"] == pytest.approx(0.5)
 
 
 def test_whole_numbers_stay_whole():
-    assert halving.varied("PARTS", 0.5)["PARTS"] == 2
-    assert halving.varied("PARTS", 0.01)["PARTS"] == 1
+    assert command.varied("PARTS", 0.5)["PARTS"] == 2
+    assert command.varied("PARTS", 0.01)["PARTS"] == 1
 
 
 def test_every_module_sees_it_and_gets_its_own_back():
     before = [engine.ADEQUATE, types.ADEQUATE, residual_tests.SURE, rules.LEVEL]
-    with pytest.raises(ZeroDivisionError), halving.changed("TENTH", 2.0):
+    with pytest.raises(ZeroDivisionError), command.changed("TENTH", 2.0):
         assert engine.ADEQUATE == types.ADEQUATE == constants.ADEQUATE == pytest.approx(1.2)
         assert residual_tests.TENTH == pytest.approx(0.2) and rules.LEVEL == before[3]
         raise ZeroDivisionError
@@ -43,15 +43,15 @@ def test_every_module_sees_it_and_gets_its_own_back():
 
 
 def test_a_number_that_is_none_is_refused():
-    with pytest.raises(ConfigError, match="LEVEL"), halving.changed("LEVELZ", 2.0):
+    with pytest.raises(ConfigError, match="LEVEL"), command.changed("LEVELZ", 2.0):
         pass
 
 
 def test_an_answer_depends_on_a_number():
     """What counts as met decides whether an effect near the floor is sought at all."""
     case = cases.single("stribeck", 1.5, "white", "repeated", 0)
-    as_is = halving.again(halving.Changed(case, "WARMING", 2.0))
-    blind = halving.again(halving.Changed(case, "MATTERS", 200.0))
+    as_is = command.again(command.Changed(case, "WARMING", 2.0))
+    blind = command.again(command.Changed(case, "MATTERS", 200.0))
     assert as_is["outcome"] == "right" and [f["effect"] for f in as_is["named"]] == ["stribeck"]
     assert blind["named"] == [] and blind["outcome"] == "missed"
 
@@ -67,7 +67,7 @@ def test_table_counts_flips_by_number_and_factor():
             ("b", "WORTH", 2.0, "missed"),
         )
     ]
-    text = halving.report(rows, again, "hil bench diagnosis --halve")
+    text = command.report(rows, again, "hil bench diagnosis --halve")
     line = next(x for x in text.splitlines() if x.startswith("| WORTH "))
     assert [x.strip() for x in line.split("|")][1:-1] == ["WORTH", "0.03", *"211000"]
     assert "| WORTH x 0.5 | b       | missed: adequate" in text
@@ -76,12 +76,12 @@ def test_table_counts_flips_by_number_and_factor():
 
 def test_the_small_plan_is_of_the_quick_one():
     quick = [*cases.plan(True), *cases.mujoco_plan(True)]
-    assert sorted(c.name for c in halving.small(quick)) == sorted(halving.SMALL)
+    assert sorted(c.name for c in command.small(quick)) == sorted(command.SMALL)
     with pytest.raises(ConfigError, match="--quick"):
-        halving.small(cases.nothing(range(3, 4)))
+        command.small(cases.nothing(range(3, 4)))
 
 
 def test_results_of_another_revision_are_refused(monkeypatch):
     monkeypatch.setattr(runner, "revision", lambda: "b")
     with pytest.raises(DataError, match="revision"):
-        halving.run([], [row("a", "right")], 1, None)
+        command.run([], [row("a", "right")], 1, None)

@@ -5,7 +5,7 @@ import pytest
 
 from hil.commands.diagnose import text
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.unnamed import HIDDEN_SHARE
+from hil.diagnosis.floor import HIDDEN_SHARE
 from hil.diagnosis.verbs import ladder
 from hil.models.model import base_model
 from hil.report.data import diagnosis_json

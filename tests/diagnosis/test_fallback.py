@@ -8,8 +8,8 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis.floor import told
 from hil.diagnosis.types import Explainable
-from hil.diagnosis.unnamed import told
 from hil.report.data import diagnosis_json
 
 

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.excite import menu, stage, trajectory
+from hil.excite import choose, stage, trajectory
 from hil.excite.choose import decide, survey
-from hil.excite.limits import HEADROOM, check, margins, of_robot
 from hil.excite.stage import Stage, explore, fitted, stage_of
-from hil.excite.trajectory import Trajectory, grid, sample
+from hil.excite.trajectory import HEADROOM, Trajectory, check, grid, margins, of_robot, sample
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
 from hil.models.robots import bare_robot
@@ -93,11 +92,11 @@ def test_mistakes_in_a_file_are_named(tmp_path, old, new, says):
         trajectory.read(tmp_path / "x.toml")
 
 
-@pytest.mark.parametrize("name", menu.MENU)
+@pytest.mark.parametrize("name", choose.MENU)
 @pytest.mark.parametrize("joint", [0, 1, 2, None])
 def test_the_menu_keeps_to_the_limits(name, joint):
     robot, limits, space = premium()
-    x = menu.MENU[name](space, joint, 30.0)
+    x = choose.MENU[name](space, joint, 30.0)
     check(x, limits, robot, 1000.0)
     assert not [m for m in margins(x, limits, robot) if m.broken]
     _, _, qdd = sample(x, grid(x, 1000.0))
@@ -106,7 +105,7 @@ def test_the_menu_keeps_to_the_limits(name, joint):
 
 def test_what_does_not_fit_the_arm_is_refused():
     robot, limits, space = premium()
-    x = menu.fast_strokes(space, 0, 20.0)
+    x = choose.fast_strokes(space, 0, 20.0)
     other = Trajectory(("a", "b", "c"), x.units, x.period, x.times, x.via, x.blend, x.series)
     with pytest.raises(ConfigError, match="moves a, b, c"):
         check(other, limits, robot, 1000.0)
@@ -130,7 +129,9 @@ def test_an_axis_that_turned_on_is_planned_for_about_its_middle():
     assert width == pytest.approx(speed * stage.seconds / 4)
     center = stage.space.alone.mean()
     assert center == pytest.approx(300.0, rel=0.02)
-    made = [menu.MENU[name](stage.space, 0, stage.seconds) for name in menu.MENU if name != "pairs"]
+    made = [
+        choose.MENU[name](stage.space, 0, stage.seconds) for name in choose.MENU if name != "pairs"
+    ]
     assert max(x.period for x in made) < 10 * stage.seconds
 
 
@@ -151,7 +152,7 @@ def test_motions_that_take_too_long_are_not_foreseen():
 @pytest.mark.parametrize(("rests_at", "moves_with"), [(1.2, 0.5), (0.0, 2.0), (0.3, 0.1)])
 def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, moves_with):
     _, limits, space = premium()
-    wanted = menu.MENU["fast-strokes"](space, 0, 12.0)
+    wanted = choose.MENU["fast-strokes"](space, 0, 12.0)
     seen = []
 
     def effort(motion):
