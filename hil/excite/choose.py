@@ -163,9 +163,6 @@ def joints_of(space: Space, j: int | None) -> Sequence[int]:
     return range(space.center.size) if j is None else [j]
 
 
-FloatArray = NDArray[np.float64]
-
-
 def _ends(path: Path, j: int, together: bool = False) -> tuple[FloatArray, FloatArray]:
     low, high = (path.space.together if together else path.space.alone)[j]
     return path.posture({j: float(low)}), path.posture({j: float(high)})

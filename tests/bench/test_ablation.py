@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.bench.diagnosis import ablation, cases, command, runner, tables
+from hil.bench.diagnosis import cases, command, runner, tables
 from hil.diagnosis import rules
 from hil.errors import ConfigError, DataError
 
@@ -43,7 +43,7 @@ AGAIN = [
 
 
 def test_effects_count_flips_of_stable_sessions():
-    found = {e.code: e for e in ablation.effects(ROWS, AGAIN)}
+    found = {e.code: e for e in command.effects(ROWS, AGAIN)}
     assert list(found) == [*rules.CANDIDATE, *rules.FIT]
     worth, paired, idle = found["worth"], found["paired"], found["scales"]
     assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
@@ -54,7 +54,7 @@ def test_effects_count_flips_of_stable_sessions():
 
 
 def test_table():
-    text = ablation.report(ROWS, AGAIN, "hil bench diagnosis --ablate")
+    text = command.ablate_page(ROWS, AGAIN, "hil bench diagnosis --ablate")
     lines = [line.split("|") for line in text.splitlines() if line.startswith("| worth")]
     cells = [x.strip() for x in lines[0]]
     assert cells[1:8] == ["worth", "candidate", "3", "3", "3", "2", "1"]
@@ -132,7 +132,7 @@ def test_only_cases_with_a_rule_of_their_own_are_repeated():
     case = cases.SessionCase("none", "arm", (), "white", "strokes", 0)
     other = cases.SessionCase("none", "arm", (), "white", "strokes", 1)
     rows = [row(case.name, "right", alone=["worth", "paired"]), row(other.name, "unstable")]
-    assert [(a.case, a.code) for a in ablation.repeated([case, other], rows)] == [
+    assert [(a.case, a.code) for a in command.repeated([case, other], rows)] == [
         (case, "paired"),
         (case, "worth"),
     ]
@@ -141,7 +141,7 @@ def test_only_cases_with_a_rule_of_their_own_are_repeated():
 def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(runner, "revision", lambda: "def")
     with pytest.raises(DataError, match="results of revision abc, and this is def"):
-        ablation.run([], ROWS, 1, tmp_path / "r.jsonl")
+        command.ablate([], ROWS, 1, tmp_path / "r.jsonl")
 
 
 def test_only_some_sessions():
@@ -157,12 +157,12 @@ def test_rules_that_change_nothing_alone_go_together():
     todo = [SimpleNamespace(name=name) for name in "abc"]
     rows = [r | {"fired": [*r["fired"], "worth"]} for r in ROWS[:2]]
     rows.append(row("c", "right", ["delay"], ["worth"]) | {"fired": ["worth"]})
-    found = ablation.together(todo, rows, AGAIN)
+    found = command.together(todo, rows, AGAIN)
     # "detected" fired in the first two and changes nothing; "worth" does and stays
     assert [t.case.name for t in found] == ["a", "b"]
     assert "detected" in found[0].code.split("+") and "worth" not in found[0].code.split("+")
     joint = [without(found[0].code, "a", "wrong", ["cogging"])]
-    text = ablation.report(rows, [*AGAIN, *joint], "hil bench diagnosis --ablate")
+    text = command.ablate_page(rows, [*AGAIN, *joint], "hil bench diagnosis --ablate")
     assert "Without all that change no answer alone: 1 sessions" in text
     assert "all of them | a" in text
 

@@ -50,8 +50,8 @@ def test_a_number_that_is_none_is_refused():
 def test_an_answer_depends_on_a_number():
     """What counts as met decides whether an effect near the floor is sought at all."""
     case = cases.single("stribeck", 1.5, "white", "repeated", 0)
-    as_is = command.again(command.Changed(case, "WARMING", 2.0))
-    blind = command.again(command.Changed(case, "MATTERS", 200.0))
+    as_is = command.with_number(command.Changed(case, "WARMING", 2.0))
+    blind = command.with_number(command.Changed(case, "MATTERS", 200.0))
     assert as_is["outcome"] == "right" and [f["effect"] for f in as_is["named"]] == ["stribeck"]
     assert blind["named"] == [] and blind["outcome"] == "missed"
 
@@ -67,7 +67,7 @@ def test_table_counts_flips_by_number_and_factor():
             ("b", "WORTH", 2.0, "missed"),
         )
     ]
-    text = command.report(rows, again, "hil bench diagnosis --halve")
+    text = command.halve_page(rows, again, "hil bench diagnosis --halve")
     line = next(x for x in text.splitlines() if x.startswith("| WORTH "))
     assert [x.strip() for x in line.split("|")][1:-1] == ["WORTH", "0.03", *"211000"]
     assert "| WORTH x 0.5 | b       | missed: adequate" in text
@@ -84,4 +84,4 @@ def test_the_small_plan_is_of_the_quick_one():
 def test_results_of_another_revision_are_refused(monkeypatch):
     monkeypatch.setattr(runner, "revision", lambda: "b")
     with pytest.raises(DataError, match="revision"):
-        command.run([], [row("a", "right")], 1, None)
+        command.halve([], [row("a", "right")], 1, None)
