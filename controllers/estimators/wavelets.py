@@ -4,7 +4,7 @@
     psi_(m,k)(v) = 2^(m d/2) psi(2^m S^-1 v - k),  d = 3,
 
 one network a joint over all joint speeds, on one structure for the three (thesis section 3.1.2;
-`hil.estimate.friction_wavelets` is the same off line).  What is learnt from is seen through a
+`hil.experiments.friction_network` is the same off line).  What is learnt from is seen through a
 low-pass, so the regressors pass the same one: the weights do not notice.
 """
 

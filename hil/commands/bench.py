@@ -140,7 +140,7 @@ BENCHES: dict[str, NamedFunction] = {
         "hil.bench.loop:command", "The loop under load: how late its ticks are, beside cyclictest"
     ),
     "real": NamedFunction(
-        "hil.bench.real_table:command",
+        "hil.bench.real:command",
         "Every public recording: the given model, a person's script, and the tool beside them",
     ),
     "record": NamedFunction(

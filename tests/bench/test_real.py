@@ -10,7 +10,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.bench import least_squares_script, real, real_table
+from hil.bench import least_squares_script, real
 from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.errors import DataError
@@ -108,7 +108,7 @@ def test_an_error_of_ours_is_a_row(monkeypatch):
     row = real.examine(RealCase("axis", "drive", two))
     assert isinstance(row.script, ScriptErrors)
     assert str(row.ours).startswith("ZeroDivisionError at test_real.py:")
-    assert real_table.FAILED in real_table.line(row)
+    assert real.FAILED in real.line(row)
 
 
 def dies(case: RealCase) -> RealRow:
@@ -123,7 +123,7 @@ def test_a_process_that_dies_is_a_row_and_missing_data_an_error():
     case = RealCase("axis", "drive", two)
     (row,) = real.run([case], work=dies)
     assert row.ours == row.script == "its process ended with status 7"
-    assert real_table.line(row)[0] == "axis"
+    assert real.line(row)[0] == "axis"
     with pytest.raises(DataError, match="get it from there"):
         list(real.run([case], work=lacks))
 
@@ -163,7 +163,7 @@ ROWS = (
 
 
 def test_table_of_results():
-    given, _, person_error, ours, blind, floor, far = real_table.line(ROWS[0])[1:8]
+    given, _, person_error, ours, blind, floor, far = real.line(ROWS[0])[1:8]
     assert (given, person_error, ours, blind, floor, far) == (
         "5.0",
         "2.2",
@@ -172,20 +172,20 @@ def test_table_of_results():
         "0.5",
         "0.89",
     )
-    assert real_table.line(ROWS[1])[4:6] == ["5.0", "2.0"]
-    assert real_table.line(ROWS[3])[7] == "1.03*"
-    assert real_table.line(ROWS[4])[3:5] == ["2.2", "-"]
-    assert math.isnan(real_table.ratio(ROWS[4])) and math.isnan(real_table.blind(ROWS[4]))
-    assert real_table.blindly_worse(ROWS[2]) and not real_table.blindly_worse(ROWS[1])
-    (line,) = (x for x in real_table.aims(ROWS) if "without a look" in x)
+    assert real.line(ROWS[1])[4:6] == ["5.0", "2.0"]
+    assert real.line(ROWS[3])[7] == "1.03*"
+    assert real.line(ROWS[4])[3:5] == ["2.2", "-"]
+    assert math.isnan(real.ratio(ROWS[4])) and math.isnan(real.blind_ratio(ROWS[4]))
+    assert real.blindly_worse(ROWS[2]) and not real.blindly_worse(ROWS[1])
+    (line,) = (x for x in real.aims(ROWS) if "without a look" in x)
     assert line.endswith("at most 1.1 times 3, below 2, worse than the given model 1 (alarm)")
-    assert real_table.joint_lines(ROWS[0])[0][-1] == "slip"
-    assert real_table.joint_lines(ROWS[0])[2][1:3] == ["c (holds)", "-"]
-    assert real_table.by_kind(ROWS) == [["arm", "6", "2", "1", "1", "2.46"]]
+    assert real.joint_lines(ROWS[0])[0][-1] == "slip"
+    assert real.joint_lines(ROWS[0])[2][1:3] == ["c (holds)", "-"]
+    assert real.by_kind(ROWS) == [["arm", "6", "2", "1", "1", "2.46"]]
 
 
 def test_aims_count_what_fails():
-    text = "\n".join(real_table.aims(ROWS))
+    text = "\n".join(real.aims(ROWS))
     assert "error: 2 of 6 cases (aim: all)" in text
     assert "below the person's error: 1 of 6" in text
     assert "worse than the given model: 1 (alarm)" in text
@@ -193,21 +193,21 @@ def test_aims_count_what_fails():
     assert "missing: 1 (alarm) of 2" in text
     assert "noise floor stated above the person's error: 0" in text
     high = row("high", Ours("adequate", [], ["rung"], [[5.0] * 3], 0, [4.0] * 3, False, 1.0))
-    assert "above the person's error: 1 (high)" in "\n".join(real_table.aims([high]))
+    assert "above the person's error: 1 (high)" in "\n".join(real.aims([high]))
     assert "by itself, judged runs included: 1 (own)" in text
 
 
 def test_data_are_json():
     dead = RealRow("dead", "arm", False, [], [], "gone", "gone", math.nan)
-    back = json.loads(json.dumps(real_table.data([*ROWS, dead]), allow_nan=False))
+    back = json.loads(json.dumps(real.data([*ROWS, dead]), allow_nan=False))
     assert back[0]["ours"]["names"] == [["presliding on a", 0.9]]
     assert back[-1]["mebibytes"] is None
 
 
 def test_page():
-    text = real_table.page(ROWS, "hil bench real", "abc123")
+    text = real.page(ROWS, "hil bench real", "abc123")
     assert "revision abc123" in text
     assert "crash: ValueError at here.py:1" in text
     tables = [x for x in text.splitlines() if x.startswith("|")]
-    widths = {len(real_table.HEAD), len(real_table.JOINT_HEAD), len(real_table.KIND_HEAD)}
+    widths = {len(real.HEAD), len(real.JOINT_HEAD), len(real.KIND_HEAD)}
     assert {x.count("|") - 1 for x in tables} == widths

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import FitError
-from hil.estimate import friction_wavelets
+from hil.experiments import friction_network
 from hil.experiments.friction_network import motion, rub
 
 
@@ -15,7 +15,7 @@ def test_the_mother_wavelet_is_admissible(d):
     ax = np.linspace(-8, 8, 61)
     x = np.stack(np.meshgrid(*[ax] * d, indexing="ij"), -1)
     h = (ax[1] - ax[0]) ** d
-    psi = friction_wavelets.mexican_hat(x)
+    psi = friction_network.mexican_hat(x)
     assert abs(psi.sum() * h) < 1e-9
     assert (psi**2).sum() * h == pytest.approx(1.0, abs=1e-6)
 
@@ -29,7 +29,7 @@ def test_the_dead_zone_law_never_raises_v(seed, gain, zone):
     for _ in range(60):
         x = rng.normal(size=(1, 6))
         tau = x @ true + rng.uniform(-zone, zone, 1)
-        friction_wavelets.learn(x, tau, c, zone, gain, 1e-3)
+        friction_network.learn(x, tau, c, zone, gain, 1e-3)
         now = ((true - c) ** 2).sum()
         assert now <= v + 1e-12
         v = now
@@ -41,38 +41,38 @@ def test_without_a_dead_zone_noise_can_raise_v():
     true = rng.normal(size=6)
     c = true.copy()
     x = rng.normal(size=(50, 6))
-    friction_wavelets.learn(x, x @ true + 0.1, c, 0.0, 0.6, 1e-3)
+    friction_network.learn(x, x @ true + 0.1, c, 0.0, 0.6, 1e-3)
     assert ((true - c) ** 2).sum() > 1e-4
 
 
 def test_structure_adaptation_does_not_jump_and_keeps_its_budget():
     qd = motion(4.0, 1)
     tau = rub(qd)[:, 0]
-    net = friction_wavelets.solve(friction_wavelets.coarse(qd, 0), qd, tau)
-    grown = friction_wavelets.adapt(net, qd, add=1e-3, remove=0.0, budget=80)
+    net = friction_network.solve(friction_network.coarse(qd, 0), qd, tau)
+    grown = friction_network.adapt(net, qd, add=1e-3, remove=0.0, budget=80)
     assert len(net.nodes) < len(grown.nodes) <= 80
     np.testing.assert_allclose(grown.predict(qd), net.predict(qd), atol=1e-12)
     assert grown.zone == net.zone
-    cut = friction_wavelets.adapt(grown, qd, add=1.0, remove=0.5)
+    cut = friction_network.adapt(grown, qd, add=1.0, remove=0.5)
     assert {m for m, _ in cut.nodes} == {-1}
     assert cut.zone >= grown.zone
     with pytest.raises(FitError, match="below add"):
-        friction_wavelets.adapt(net, qd, 0.1, 0.2)
+        friction_network.adapt(net, qd, 0.1, 0.2)
 
 
 def test_on_line_learning_approaches_the_batch_solution():
     """With the dead zone the error falls pass by pass; without it the last samples win."""
     qd = motion(20.0, 1)
     tau = rub(qd)[:, 1]
-    batch = friction_wavelets.relative(
-        friction_wavelets.solve(friction_wavelets.coarse(qd, 1), qd, tau), qd, tau
+    batch = friction_network.relative(
+        friction_network.solve(friction_network.coarse(qd, 1), qd, tau), qd, tau
     )
     last = {}
     for zone in (0.0, 0.005):
-        net, errors = friction_wavelets.coarse(qd, 1, zone=zone), []
+        net, errors = friction_network.coarse(qd, 1, zone=zone), []
         for _ in range(4):
-            net = friction_wavelets.train(net, qd, tau)
-            errors.append(friction_wavelets.relative(net, qd, tau))
+            net = friction_network.train(net, qd, tau)
+            errors.append(friction_network.relative(net, qd, tau))
         last[zone] = errors
     assert (np.diff(last[0.005]) < 0).all()
     assert batch <= last[0.005][-1] < 1.3 * batch
@@ -80,6 +80,6 @@ def test_on_line_learning_approaches_the_batch_solution():
 
 
 def test_no_data_no_network():
-    net = friction_wavelets.Network(np.ones(3))
+    net = friction_network.Network(np.ones(3))
     with pytest.raises(FitError, match="two samples"):
-        friction_wavelets.solve(net, np.zeros((1, 3)), np.zeros(1))
+        friction_network.solve(net, np.zeros((1, 3)), np.zeros(1))

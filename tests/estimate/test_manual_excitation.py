@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.errors import FitError
-from hil.estimate import manual_excitation
+from hil.experiments import manual_excitation
 from hil.models.phantom import Premium
 
 TRUE = np.array([*Premium.prior, 0.012, 0.001, 0.010, 0.0008, 0.009, 0.0006, 1.04, 0.97, 1.02])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from hil import registry
+from hil.commands.ui import Scene, margins_of
 from hil.errors import ConfigError
 from hil.models.phantom import Premium
 from hil.rig.config import load_rig
 from hil.toml import parse
-from hil.ui.scene import Scene, margins_of
 
 Q = [0.2, 0.5, 0.3]
 
