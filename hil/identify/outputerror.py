@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from hil.identify.context import carrying
 from hil.identify.design import Term, prefix
-from hil.identify.forward import Windows, forward
+from hil.identify.multistep import Windows, forward
 from hil.identify.problem import Problem
 from hil.identify.regression import least_squares
 from hil.identify.result import FitResult

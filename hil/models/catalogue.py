@@ -29,7 +29,6 @@ MODULES = (
     "hil.models.contact",
     "hil.models.disturbance",
     "hil.models.sensors",
-    "hil.models.encoders",
     "hil.models.transmission",
     "hil.models.network",
     "hil.models.correction",

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.identify.forward import eliminated
+from hil.identify.multistep import eliminated
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7))

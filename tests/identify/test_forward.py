@@ -6,8 +6,7 @@ import pytest
 
 import hil
 from hil.identify.fit import fit
-from hil.identify.forward import Windows, _Forward, looked_at
-from hil.identify.multistep import each, simulate
+from hil.identify.multistep import Windows, _Forward, each, looked_at, simulate
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.effect import Trait

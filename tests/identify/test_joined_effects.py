@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import plants
 
-from hil.identify.forward import groups, joined, runs_of
+from hil.identify.multistep import groups, joined, runs_of
 from hil.identify.problem import Problem
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from hil.errors import ConfigError
 from hil.identify.fit import fit
-from hil.identify.forward import Windows, _braked, _Forward, forward
+from hil.identify.multistep import Windows, _braked, _Forward, forward
 from hil.identify.problem import Problem
 from hil.identify.simulated import SimulationErrors, alike, refine
 from hil.models.model import Band, RobotModel, base_model

@@ -7,7 +7,7 @@ import pytest
 from test_effects import motion_of
 
 from hil.identify.design import Term
-from hil.identify.forward import Windows, _Forward
+from hil.identify.multistep import Windows, _Forward
 from hil.models import catalogue
 from hil.models.effect import Trait, terms_of
 from hil.models.robots import IndependentAxes
