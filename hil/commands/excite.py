@@ -32,8 +32,17 @@ from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
 from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
-from hil.excite.question import BAND, Question, Rival, nominal
-from hil.excite.stage import Space, Stage, explore, foreseen, stage_of
+from hil.excite.question import (
+    BAND,
+    Question,
+    Rival,
+    Space,
+    Stage,
+    explore,
+    foreseen,
+    nominal,
+    stage_of,
+)
 from hil.excite.trajectory import (
     Limits,
     Margin,

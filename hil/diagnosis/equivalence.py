@@ -51,8 +51,19 @@ from hil.diagnosis.types import (
 from hil.errors import ConfigError
 from hil.excite import choose
 from hil.excite.choose import Choice, Survey, decide, measured, survey
-from hil.excite.question import Question, Rival, gram, in_context, sharp
-from hil.excite.stage import Stage, model_words, output_words, robot_word, room, stage_of
+from hil.excite.question import (
+    Question,
+    Rival,
+    Stage,
+    gram,
+    in_context,
+    model_words,
+    output_words,
+    robot_word,
+    room,
+    sharp,
+    stage_of,
+)
 from hil.excite.trajectory import of_robot
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem

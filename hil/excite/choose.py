@@ -21,15 +21,17 @@ from hil.errors import ConfigError
 from hil.excite.question import (
     Question,
     Rival,
+    Space,
+    Stage,
     Verdict,
     against,
     complete,
+    fitted,
     gram,
     imitations,
     nominal,
     sharp,
 )
-from hil.excite.stage import Space, Stage, fitted
 from hil.excite.trajectory import Margin, Trajectory
 from hil.identify.design import Term
 from hil.identify.problem import Problem

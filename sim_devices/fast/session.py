@@ -12,7 +12,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.sim_devices.plants import arm, torques, truth
+from hil.sim_devices.plants import truth, world
 from hil.sim_devices.plants.layout import ARM as PLANT_ARM
 from hil.sim_devices.plants.layout import ELEMENTS, NOISES, SUBSTEPS
 from hil.sim_devices.plants.layout import STATE as PLANT_STATE
@@ -54,7 +54,7 @@ def cable(p: Any, x: Any, i: int) -> float:
 @nb.njit(cache=True, nogil=True)
 def motor(p: Any, x: Any, i: int, elapsed: float, tick: float, dt: float) -> float:
     """Torque [N m] of motor i: the plant's drive, a second-order lag, ripple and detents."""
-    value = torques.motor(p, x, i, elapsed, tick, dt)
+    value = world.motor(p, x, i, elapsed, tick, dt)
     fed = x.drive[i]
     if p.slow_drive[i] > 0.0:
         # T^2 u'' + 1.4 T u' + u = drive
@@ -86,7 +86,7 @@ def motor_friction(p: Any, x: Any, i: int, t: float, tension: float, dt: float) 
     """Further friction torque [N m] on motor i; `tension` is what its cable carries [N m]."""
     s, total = x.sm[i], 0.0
     if p.preslide[i] != 0.0:
-        total += p.preslide[i] * torques.slip(x.zp[i], p.preslide_at[i], p.weight, x.vm[i], dt)
+        total += p.preslide[i] * world.slip(x.zp[i], p.preslide_at[i], p.weight, x.vm[i], dt)
     if p.rub[i] != 0.0:
         # triangular over position
         total += p.rub[i] * s * asin(sin(p.rub_cycles[i] * x.qm[i] + 0.6)) * 2.0 / pi
@@ -137,7 +137,7 @@ def idlers(p: Any, x: Any, link: Any, dt: float) -> None:
         b = 2 if i == 2 else i + 1
         twist = x.q[a] + x.q[b] - x.idle[i, 0]
         torque = SHAFT * twist + SHAFT_DAMPING * (x.v[a] + x.v[b] - x.idle[i, 1])
-        s = torques.slip(x.idle_z[i], p.slip_link[a], p.weight, x.idle[i, 1], dt)
+        s = world.slip(x.idle_z[i], p.slip_link[a], p.weight, x.idle[i, 1], dt)
         x.idle[i, 1] += dt * (torque - p.idler[i] * (s + 0.1 * x.idle[i, 1])) / IDLER
         x.idle[i, 0] += dt * x.idle[i, 1]
         link[a] -= torque
@@ -176,15 +176,15 @@ def substep(p: Any, x: Any, t: float, elapsed: float, tick: float, dt: float, li
     """Semi-implicit Euler step of motors, cables and links; `link` (3,) is scratch [N m]."""
     for i in range(3):
         pull = cable(p, x, i)
-        x.sm[i] = torques.direction(p, x, i, dt)
-        link[i] = pull - torques.link_side(p, x, i, dt) + torques.passive(p, x, i, dt)
+        x.sm[i] = world.direction(p, x, i, dt)
+        link[i] = pull - world.link_side(p, x, i, dt) + world.passive(p, x, i, dt)
         link[i] += link_torque(p, x, i, t, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
         push = motor(p, x, i, elapsed, tick, dt) - pull
-        push -= torques.motor_side(p, x, i, pull) + motor_friction(p, x, i, t, pull, dt)
+        push -= world.motor_side(p, x, i, pull) + motor_friction(p, x, i, t, pull, dt)
         x.vm[i] += dt * push / p.rotor[i]
     idlers(p, x, link, dt)
-    arm.push_links(p, x, link, dt)
+    world.push_links(p, x, link, dt)
     if p.locked == 1:
         x.v[1:], x.vm[1:] = 0.0, 0.0
     for i in range(3):
@@ -253,11 +253,11 @@ def run(
         for i in range(3):
             out[k, i], out[k, 3 + i], out[k, 6 + i] = q[i], v[i], codes[i] * p.dac[i]
         chance(p, x, random[k], tick)
-        torques.command(p, x, codes, random[k], tick)
+        world.command(p, x, codes, random[k], tick)
         x.force[:] = push[k]
         for n in range(substeps):
             if n == 0:
-                arm.tip(p, x)
+                world.tip(p, x)
             substep(p, x, k * tick + n * dt, n * dt, tick, dt, link)
 
 
@@ -597,7 +597,7 @@ def start(p: NDArray[np.void], home: FloatArray) -> NDArray[np.void]:
     # idlers of the pairs (1, 2), (2, 3), (1, 3)
     x["idle"][0, :, 0] = home[[0, 1, 0]] + home[[1, 2, 2]]
     x["flip"], x["thick"] = 1.0, 1.0
-    arm.tip(p[0], x[0])
+    world.tip(p[0], x[0])
     return x
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError
 from hil.sim_devices.joints import touch
 from hil.sim_devices.plants.layout import ELEMENTS
-from hil.sim_devices.plants.torques import slip
+from hil.sim_devices.plants.world import slip
 
 Array = NDArray[np.float64]
 #: How far a mass, a first moment or an inertia is off the file, either way.

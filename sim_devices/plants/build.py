@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.sim_devices.plants import arm, truth
+from hil.sim_devices.plants import truth, world
 from hil.sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
 
 # Hidden effects: physics that a session may hold and that its analysis has to find.
@@ -235,7 +235,7 @@ def start(p: np.void, x: np.void, home: NDArray[np.float64]) -> None:
     if home.shape != (3,):
         raise ConfigError("[simulation] home: three joint angles [rad] are needed.")
     x["qm"][:], x["q"][:], x["parked"] = home, home, 1
-    arm.tip(p, x)
+    world.tip(p, x)
 
 
 def _operators(

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
-from hil.excite import choose, stage, trajectory
+from hil.excite import choose, question, trajectory
 from hil.excite.choose import decide, survey
-from hil.excite.stage import Stage, explore, fitted, stage_of
+from hil.excite.question import Stage, explore, fitted, stage_of
 from hil.excite.trajectory import HEADROOM, Trajectory, check, grid, margins, of_robot, sample
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
@@ -160,8 +160,8 @@ def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, 
         return (rests_at + moves_with * seen[-1]) * limits.torque[None]
 
     monkeypatch.setattr(Stage, "foresee", lambda self, motion: motion)
-    monkeypatch.setattr(stage, "ready", lambda motion, question: motion)
-    monkeypatch.setattr(stage, "efforts", effort)
+    monkeypatch.setattr(question, "ready", lambda motion, question: motion)
+    monkeypatch.setattr(question, "efforts", effort)
     _, problem, _ = fitted(wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None)
     size = float(np.ptp(problem.via[:, 0]) / np.ptp(wanted.via[:, 0]))
     sizes = 0.9 ** np.arange(30)

@@ -13,7 +13,7 @@ from hil.record.recording import Recording
 from hil.rigs import rig_path
 from hil.sim_devices.fast import session
 from hil.sim_devices.fast.session import EFFECTS
-from hil.sim_devices.plants import torques
+from hil.sim_devices.plants import world
 
 SECONDS = 30.0
 
@@ -85,7 +85,7 @@ def test_friction_brakes_at_any_amplitude(effect, joint):
         for place in np.linspace(-0.6, 0.6, 25):
             x["qm"][0, joint] = place
             for t in (0.0, 5.0, 25.0):
-                total = torques.motor_side(p[0], x[0], joint, 0.02)
+                total = world.motor_side(p[0], x[0], joint, 0.02)
                 total += session.motor_friction(p[0], x[0], joint, t, 0.02, 1e-4)
                 assert total * side > 0
 

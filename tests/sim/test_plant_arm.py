@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hil.sim_devices.plants import arm, truth, world
+from hil.sim_devices.plants import truth, world
 from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, STATE
 
 ROWS = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 1], [0, 0, 1], [0, 1, -1]], float)
@@ -54,7 +54,7 @@ def test_accelerations_agree_with_pinocchio():
     for _ in range(50):
         q, v, torque = rng.uniform(-1, 1, 3), rng.uniform(-3, 3, 3), rng.uniform(-0.2, 0.2, 3)
         x["q"][0], x["v"][0] = q, v
-        arm.push_links(p[0], x[0], torque, 1.0)
+        world.push_links(p[0], x[0], torque, 1.0)
         mass = ROWS.T @ pin.crba(model, data, ROWS @ q) @ ROWS
         bias = ROWS.T @ pin.rnea(model, data, ROWS @ q, ROWS @ v, np.zeros(5))
         np.testing.assert_allclose(x["v"][0] - v, np.linalg.solve(mass, torque - bias), rtol=1e-9)
@@ -68,17 +68,17 @@ def test_tip_velocity_is_the_rate_of_the_tip_and_force_does_its_power():
         tips = []
         for sign in (-1, 1):
             x["q"][0], x["v"][0] = q + sign * h * v, v
-            arm.tip(p[0], x[0])
+            world.tip(p[0], x[0])
             tips.append(x["tip"][0].copy())
         np.testing.assert_allclose(x["tip_v"][0], (tips[1] - tips[0]) / (2 * h), atol=1e-6)
         # J^T f: change of the momentum M dv along v equals f . tip velocity
         x["q"][0], x["v"][0] = q, v
-        arm.tip(p[0], x[0])
+        world.tip(p[0], x[0])
         power = force @ x["tip_v"][0]
         jumps = []
         for f in (force, np.zeros(3)):
             x["v"][0], x["force"][0] = v, f
-            arm.push_links(p[0], x[0], np.zeros(3), 1.0)
+            world.push_links(p[0], x[0], np.zeros(3), 1.0)
             jumps.append(x["v"][0].copy())
         assert v @ mass_matrix(p, q) @ (jumps[0] - jumps[1]) == pytest.approx(power, rel=1e-9)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.sim_devices.bench import open_bench
-from hil.sim_devices.plants import torques, world
+from hil.sim_devices.plants import world
 from hil.sim_devices.plants.layout import ELEMENTS, GEL, STATE
 
 ARMS = {"leader": "nano25", "follower": "nano17"}
@@ -13,20 +13,20 @@ ARMS = {"leader": "nano25", "follower": "nano17"}
 def test_maxwell_slip_saturates_and_reverses_over_twice_the_breakaway():
     z, limit = np.zeros(ELEMENTS), np.full(ELEMENTS, 1e-3)
     weight = np.full(ELEMENTS, 1 / ELEMENTS)
-    assert torques.slip(z, limit, weight, 1.0, 0.01) == pytest.approx(1.0)
+    assert world.slip(z, limit, weight, 1.0, 0.01) == pytest.approx(1.0)
     # back by the breakaway distance: friction is zero; by twice: it is reversed
-    assert torques.slip(z, limit, weight, -1.0, 1e-3) == pytest.approx(0.0, abs=1e-12)
-    assert torques.slip(z, limit, weight, -1.0, 1e-3) == pytest.approx(-1.0)
+    assert world.slip(z, limit, weight, -1.0, 1e-3) == pytest.approx(0.0, abs=1e-12)
+    assert world.slip(z, limit, weight, -1.0, 1e-3) == pytest.approx(-1.0)
 
 
 def test_nested_elements_remember():
     z, weight = np.zeros(ELEMENTS), np.full(ELEMENTS, 1 / ELEMENTS)
     limit = np.array([1e-3, 2e-3, 4e-3, 8e-3])
     for _ in range(20):
-        torques.slip(z, limit, weight, 1.0, 1e-3)
-    before = torques.slip(z, limit, weight, 0.0, 1e-3)
-    torques.slip(z, limit, weight, -1.0, 3e-3)
-    assert torques.slip(z, limit, weight, 1.0, 3e-3) == pytest.approx(before)
+        world.slip(z, limit, weight, 1.0, 1e-3)
+    before = world.slip(z, limit, weight, 0.0, 1e-3)
+    world.slip(z, limit, weight, -1.0, 3e-3)
+    assert world.slip(z, limit, weight, 1.0, 3e-3) == pytest.approx(before)
 
 
 def test_a_bolt_stiffens_the_gel_above_it_and_its_flank_makes_no_energy():
