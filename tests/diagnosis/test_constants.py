@@ -17,7 +17,10 @@ _ARITHMETIC = {
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
     "equivalence": {"PROBE", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
-    "floor": {"RANK", "FLOOR_STEPS", "FULL", "STRENGTHS"},
+    "floor": {
+        "RANK", "FLOOR_STEPS", "FULL", "STRENGTHS", "FOLDS", "SECONDS", "MAX_ROWS", "FINE",
+        "COARSE", "NEAR", "POSES", "HIDDEN_SHARE", "TREND",
+    },
     "grams": {"BOUND_ROUNDS"},
     "heldout": {"RESOLUTION_RATIO"},
     "naming": {"DRAWS", "STARTS", "ROUNDS"},
@@ -27,10 +30,6 @@ _ARITHMETIC = {
     "residuals": {"HIGHEST_ORDER"},
     "search": {"HINTS"},
     "types": {"FLIPS"},
-    "unnamed": {
-        "FOLDS", "SECONDS", "STRENGTHS", "MAX_ROWS", "FINE", "COARSE", "NEAR", "POSES",
-        "HIDDEN_SHARE", "TREND",
-    },
 }  # fmt: skip
 
 
