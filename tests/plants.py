@@ -762,6 +762,37 @@ def quick_axis(seed, extra=0.0, width=0.0, noise=0.02, seconds=28.0):
     return single("run", t, rows[:, 0], rows[:, 1])
 
 
+def stepped_axis(seed, step, spring=0.0, sent=False, speeds=(0.05, 0.8), seconds=24.0):
+    """A slow axis whose motor gets the effort u that is asked for in whole steps [N m].
+
+    J q'' = h round(u / h) - Fv q' - Fc tanh(q' / 0.01) - k q;  the rows hold u, or where `sent`
+    what is sent.
+    """
+    fs, inertia, viscous, dry, count = 1000.0, 0.08, 0.6, 0.5, 1e-5
+    rng, h = np.random.default_rng(seed), 1 / fs
+    goal, side = [0.0], 1.0
+    while len(goal) < seconds * fs:
+        pace, way = rng.uniform(*speeds), rng.uniform(0.3, 0.9)
+        goal += list(
+            np.linspace(goal[-1], side * way, max(int(abs(side * way - goal[-1]) * fs / pace), 300))
+        )
+        side = -side
+    kernel = np.ones(100) / 100
+    path = np.convolve(
+        np.pad(goal[: int(seconds * fs)], 99, mode="edge"), np.convolve(kernel, kernel), "valid"
+    )
+    rate = np.gradient(path, h)
+    q, qd, rows = float(path[0]), 0.0, np.empty((path.size, 2))
+    for k in range(path.size):
+        seen = np.round(q / count) * count
+        asked = 60.0 * (path[k] - seen) + 4.0 * (rate[k] - qd) + viscous * rate[k] + spring * seen
+        got = step * np.round(asked / step)
+        rows[k] = seen, got if sent else asked
+        qd += h * (got - viscous * qd - dry * np.tanh(qd / 0.01) - spring * q) / inertia
+        q += h * qd
+    return single(f"run{seed}", h * np.arange(path.size), rows[:, 0], rows[:, 1])
+
+
 #: Mass, Coulomb and viscous friction of `pushed_axes`.
 MASS, DRY, VISCOUS = 2.0, 0.5, 1.5
 

@@ -25,6 +25,16 @@ better than a spring, which also rings and lags:
     s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths.
 
 Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
+
+**Efforts that are rounded after they were recorded.**
+A converter sends the motor the effort that was asked for, u, in whole steps h.  Where u is
+recorded, what is left is what the rounding took,
+
+    r = u - h round(u / h),
+
+a saw over the effort whose height is its period: nothing of the motion does that.  A slow motion
+stays within a step for long, so that the error is no noise there.
+Source: Widrow, Kollar, Quantization Noise, 2008, ch. 1.
 """
 
 from __future__ import annotations
@@ -50,12 +60,14 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.types import Candidate, Evidence, Step
 from hil.identify import bands
 from hil.identify.design import Term
+from hil.identify.fit import in_units
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.slow_motion import real_delay
 from hil.models.effect import Trait
+from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
@@ -273,6 +285,139 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         )
         for j, joint in enumerate(result.problem.joints)
         if share[j] > FLOOR_SHARE
+    ]
+
+
+# ------------------------------------------------------------ efforts rounded after recording
+
+
+ROUNDED = "rounded-efforts"
+#: Steps that are tried, in units of the one whose rounding leaves the residual: a filter lets less
+#: of it pass.
+STEPS = (0.7, 8.0)
+#: Lines of the search to one over the effort's range, how many at most, and how many at once.
+FINE, MOST, TOGETHER = 16, 2**12, 128
+#: Peaks that are looked at closely, and values about one.
+PEAKS, ABOUT = 6, 17
+
+
+def converter(result: FitResult, asked: NDArray[np.bool_]) -> tuple[float, ...]:
+    """Steps (d,) of the converter that sends the efforts [N m or N], 0 where there are none.
+
+    Empty where no joint shows any, or where the model says them already.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit of recorded efforts.
+    asked : ndarray (d,)
+        Whether a joint is asked for: the search takes some time.  The others are asked where one of
+        these has steps.
+    """
+    problem = result.problem
+    if problem.effort_step or result.model.explains != "motor":
+        return ()
+    projector = Projector(problem, result.terms, result.sigma)
+    moves = ~problem.holds & ~problem.silent
+    found: dict[int, float] = {}
+    for joints in (asked & moves, ~asked & moves):
+        # motors of one rig mostly have one kind of converter
+        found |= {
+            j: step for j in np.flatnonzero(joints).tolist() if (step := _rounding(projector, j))
+        }
+        if not found:
+            return ()
+    return tuple(found.get(j, 0.0) for j in range(problem.d))
+
+
+def _rounding(projector: Projector, j: int) -> float:
+    """The step whose rounding explains most of joint j's residual; 0 where that is little."""
+    problem = projector.problem
+    own = slice(j * problem.n, (j + 1) * problem.n)
+    r, sigma = projector.residual[own], float(projector.sigma[j])
+
+    def gain(step: float) -> float:
+        c = _taken(problem, step, j) / sigma
+        known = projector.inner(own, c[:, None])
+        along, size = float(c @ r), float(c @ c) - float(known[:, 0] @ known[:, 0])
+        # what rounding takes, and not what is as high as it likes
+        b = float(np.clip(along / max(size, 1e-300), 0.0, ADEQUATE))
+        return b * (2 * along - b * size)
+
+    peaks, apart = _steps(projector, j)
+    near = [1.0 / (f + x) for f in peaks for x in apart * np.linspace(-1.0, 1.0, ABOUT)]
+    best = max(near, key=gain, default=0.0)
+    return float(best) if best and gain(best) > HALF * float(r @ r) else 0.0
+
+
+def _steps(projector: Projector, j: int) -> tuple[list[float], float]:
+    """Steps a unit of effort that may be the converter's, and how far apart such are."""
+    problem = projector.problem
+    own = slice(j * problem.n, (j + 1) * problem.n)
+    r, sigma = projector.residual[own], float(projector.sigma[j])
+    effort = [
+        _windows(x.tau[:, j], m, x.rate)
+        for x, m in zip(problem.recordings, problem.motions, strict=True)
+    ]
+    span = float(np.ptp(np.concatenate([x.ravel() for x in effort])))
+    left = float(np.sqrt(12.0 * np.mean(r**2))) * sigma
+    if span <= 0.0 or left <= 0.0:
+        return [], 0.0
+    apart = 1.0 / (FINE * span)
+    first, last = (1.0 / (x * left * apart) for x in STEPS[::-1])
+    f = np.arange(max(int(first), 1), min(int(last), MOST) + 2, dtype=np.float64) * apart
+    score = np.zeros(f.size)
+    for part in np.array_split(np.arange(f.size), 1 + f.size // TOGETHER):
+        c = problem.gated([_saw(x, np.divide(1.0, f[part])) for x in effort], j)
+        known = projector.inner(own, c)
+        size = np.sum(c**2, axis=0) - np.sum(known**2, axis=0)
+        score[part] = np.maximum(c.T @ r, 0.0) ** 2 / np.maximum(size, 1e-300)
+    high = 1 + np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] > score[2:]))
+    return f[high[np.argsort(score[high])[::-1][:PEAKS]]].tolist(), apart
+
+
+def _taken(problem: Problem, step: float, j: int) -> FloatArray:
+    """What rounding to whole steps takes from joint j's effort, as the rows see it (n,)."""
+    each = zip(problem.recordings, problem.motions, strict=True)
+    raw = [_saw(_windows(r.tau[:, j], m, r.rate), np.array([step])) for r, m in each]
+    out: FloatArray = problem.gated(raw, j)[:, 0]
+    return out
+
+
+def _windows(effort: FloatArray, motion: Motion, rate: float) -> FloatArray:
+    """Recorded efforts about each instant of a motion (n, k)."""
+    k = max(round(motion.dt * rate), 1)
+    wide = np.concatenate([np.repeat(effort[:1], k // 2), effort, np.repeat(effort[-1:], k)])
+    return wide[: motion.n * k].reshape(motion.n, k)
+
+
+def _saw(effort: FloatArray, steps: FloatArray) -> FloatArray:
+    """Mean over k of u - h round(u / h), of efforts u (n, k), for steps h (s,): (n, s)."""
+    out = np.zeros((len(effort), steps.size))
+    for u in effort.T:
+        turns = u[:, None] / steps
+        turns -= np.round(turns)
+        out += turns
+    out *= steps / effort.shape[1]
+    return out
+
+
+def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
+    """Warning (code, sentence) where the efforts are taken as a converter sends them."""
+    told = [
+        f"{step:.3g} {in_units('{F}', problem, j)} on {problem.joints[j]}"
+        for j, step in enumerate(problem.effort_step)
+        if step
+    ]
+    if not told:
+        return []
+    return [
+        (
+            ROUNDED,
+            "The motors get the recorded efforts rounded to steps of a converter: "
+            f"{', '.join(told)}. This is taken into account (effort_step under [signal] in the "
+            "model file; [0.0] for every joint to change nothing)",
+        )
     ]
 
 

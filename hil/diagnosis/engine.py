@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import progress
+from hil.diagnosis.artefacts import converter
 from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -35,7 +36,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.grams import GramTable, Group
-from hil.diagnosis.heldout import Examiner, settled
+from hil.diagnosis.heldout import Examiner, settled, within_errors
 from hil.diagnosis.naming import Named, exchange, separated, shares
 from hil.diagnosis.preconditions import mistaken, touched, undetermined
 from hil.diagnosis.search import Search, Visited
@@ -162,7 +163,20 @@ def _diagnosed(
         search = _begun(fit_aligned(problem, model), folds, examine, seed)
         search.geometry()
         search.forward()
+    if steps := converter(search.now.result, _open(search)):
+        progress.at("efforts are rounded: seek again", 0.1)
+        # once: the model says its steps then
+        stated = replace(model, band=replace(model.band, effort_step=steps))
+        return _diagnosed(recordings, stated, held, seed, faults)
     return floored(_concluded(search, model, recordings, faults, doubtful))
+
+
+def _open(search: Search) -> NDArray[np.bool_]:
+    """Joints (d,) that got an effect, or are still above the noise floor."""
+    evidence, result = search.last or search.first, search.now.result
+    out = np.zeros(result.problem.d, dtype=bool)
+    out[[c.joint for c in search.found]] = True
+    return out if evidence is None else out | (result.rms > ADEQUATE * evidence.floor.rms)
 
 
 def _lightest(out: Diagnosis) -> int:
@@ -472,10 +486,13 @@ def above(
     least, rms = practical(problem) * problem.rms(problem.effort), step.result.rms
     floor = np.minimum(last.floor.rms, rms)
     out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > least**2)
+    out &= ~of_noise(step, last, floor)
     if there is not None and not named:
         held = step.heldout.rms
-        out |= (held > NEAR_FLOOR * there) & (held**2 - there**2 > least**2)
-    return np.asarray(out & ~of_noise(step, last, floor) & ~problem.holds)
+        over = (held > NEAR_FLOOR * there) & (held**2 - there**2 > least**2)
+        over &= ~of_noise(step, last, there, there=True)
+        out |= over & ~within_errors(search.examine.alone, step, there, over)
+    return np.asarray(out & ~problem.holds)
 
 
 def finding(

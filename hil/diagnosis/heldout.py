@@ -38,13 +38,14 @@ from hil.identify.context import set_context
 from hil.identify.design import Term, coefficients
 from hil.identify.fit import assemble, fit, in_units, predict
 from hil.identify.predict import identified, leaves, outside, own_values
-from hil.identify.problem import AUTOMATIC, Problem
+from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE
 from hil.identify.timing import fit_aligned
 from hil.models.effect import Trait
+from hil.models.model import Band
 from hil.record.checks import check
 from hil.record.recording import Recording, RobotSource
 
@@ -80,7 +81,8 @@ class Examiner:
                 _of_robot(other, problem)
                 _sound(other)
             _other_than(problem.recordings, holdout)
-            asked = (holdout, problem.source, problem.explains, AUTOMATIC, problem.rates)
+            band = Band(effort_step=problem.effort_step)
+            asked = (holdout, problem.source, problem.explains, band, problem.rates)
             known = before.again(*asked) if before is not None else None
             if known is None or not np.array_equal(known.span, problem.span):
                 known = Problem(*asked, problem.span)
@@ -412,6 +414,32 @@ def foretold(fitted: FitResult, alone: FitResult, j: int) -> float:
     moved = x @ (fitted.theta - alone.theta)
     allowed = sum(float(np.sum((x @ v) * x)) for v in map(_covariance, (fitted, alone)))
     return float(np.sqrt(moved @ moved / max(allowed, 1e-300)))
+
+
+def within_errors(
+    alone: FitResult | None, step: Step, floor: FloatArray, asked: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Joints (d,) of those asked for whose held-out error is the fit's motion, not its physics.
+
+    The same model fitted to the held-out runs is down to their floor, and the standard errors of
+    both fits allow the difference.
+
+    Parameters
+    ----------
+    alone : FitResult or None
+        The model fitted to the held-out runs; None without any.
+    step : Step
+        The fit.
+    floor : ndarray (d,)
+        Noise floor of the held-out runs [N m or N].
+    asked : ndarray (d,)
+        Whether a joint is asked for.
+    """
+    out = np.zeros_like(asked)
+    if alone is not None:
+        for j in np.flatnonzero(asked & (alone.rms <= NEAR_FLOOR * floor)).tolist():
+            out[j] = foretold(step.result, alone, j) < CERTAIN
+    return out
 
 
 def _covariance(f: FitResult) -> FloatArray:

@@ -42,13 +42,17 @@ FloatArray = NDArray[np.float64]
 # ------------------------------------------------------------ excuses
 
 
-def of_noise(step: Step, evidence: Evidence, floor: FloatArray) -> NDArray[np.bool_]:
+def of_noise(
+    step: Step, evidence: Evidence, floor: FloatArray, there: bool = False
+) -> NDArray[np.bool_]:
     """Joints (d,) of which what stands above the floor comes of how the positions are measured.
 
     Their noise smoothed in the model's load or, where that is little, returned late by the
-    controller; or reversals that their filter blurs.
+    controller; or reversals that their filter blurs.  Where `there`, of the held-out error and its
+    floor: what the positions make of the fitted runs' error is taken from it, and no more.
     """
-    end, result = step.result.rms, step.result
+    result = step.result
+    end = step.heldout.rms if there else result.rms
     most = WHOLE * (end**2 - floor**2)
     late = (end <= NEAR_FLOOR * floor) & (returned(evidence, result) >= most)
     excused = (
@@ -142,6 +146,7 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         + changes_told(evidence.changes)
         + shaken(evidence, result)
         + artefacts.blur_notes(evidence, result)
+        + artefacts.rounded_notes(result.problem)
     )
 
 

@@ -16,14 +16,15 @@ have a transform X_d of their own of length M, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numba
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from hil.errors import DataError, plural
+from hil.errors import ConfigError, DataError, plural
 from hil.identify import bands
 from hil.identify.clock import EVEN, FILLED, Even, Timing, even
 from hil.models.model import Band
@@ -189,7 +190,30 @@ def prepared(recording: Recording, band: Band | None = None, moving: bool = True
 def signal(band: Band, recording: Recording) -> Band:
     """A model's [signal], and where it is silent the one of the map that a run came through."""
     said = {f.name: recording.metadata.get(SIGNAL + f.name, "") for f in fields(Band)}
-    return band.beside(Band(**{key: float(text) for key, text in said.items() if text}))
+    own: dict[str, Any] = {key: float(text) for key, text in said.items() if text}
+    return band.beside(replace(Band(), **own))
+
+
+def converted(recording: Recording, steps: Sequence[float]) -> Recording:
+    """A run with the efforts that a converter sends in whole steps (d,) of those recorded.
+
+    Raises
+    ------
+    ConfigError
+        If there is not one step a joint.
+    """
+    if not any(steps):
+        return recording
+    if len(steps) != len(recording.joints):
+        raise ConfigError(
+            f"effort_step = {list(steps)!r}: expected one step for each of the "
+            f"{len(recording.joints)} joints {', '.join(recording.joints)}; 0 = none"
+        )
+    tau = recording.tau.copy()
+    for j, step in enumerate(steps):
+        if step:
+            tau[:, j] = step * np.round(tau[:, j] / step)
+    return replace(recording, tau=tau)
 
 
 def _excitation(runs: Sequence[Recording], rates: bands.Rates) -> tuple[Excitation, ...]:

@@ -21,7 +21,7 @@ from hil.errors import ConfigError, DataError
 from hil.identify import bands
 from hil.identify.clock import Timing, even
 from hil.identify.column_cache import Kept, Seen, watched
-from hil.identify.prepare import Decimator, prepare, signal, timing_notes
+from hil.identify.prepare import Decimator, converted, prepare, signal, timing_notes
 from hil.models.effect import Effect, Trait, terms_of
 from hil.models.model import Band, RobotModel
 from hil.models.motion import Motion
@@ -204,7 +204,10 @@ class Rows:
         self.robot: Robot = make_robot(robot, first)
         self.joints, self.explains = first.joints, explains
         said = [signal(band, r) for r in recordings]
-        made = [even(r, b.rate_hz, b.gap_s) for r, b in zip(recordings, said, strict=True)]
+        #: Steps of the converter that the efforts pass after they are recorded, by joint.
+        self.effort_step = said[0].effort_step
+        sent = [converted(r, self.effort_step) for r in recordings]
+        made = [even(r, b.rate_hz, b.gap_s) for r, b in zip(sent, said, strict=True)]
         parts = [part for found, _ in made for part in found]
         self.whole = np.repeat(np.arange(len(made)), [len(found) for found, _ in made])
         self.timings: list[Timing] = [timing for _, timing in made]
@@ -277,7 +280,7 @@ class Rows:
         position, effort = float(self.rates.position), float(self.rates.effort)
         a = self.alignment
         lag = {"lag_s": a.lag, "lag_poles": float(a.poles), "clock_ppm": 1e6 * a.rate}
-        return Band(position, effort, shift_s=a.shift, **lag)
+        return Band(position, effort, shift_s=a.shift, effort_step=self.effort_step, **lag)
 
     @property
     def shift(self) -> float:

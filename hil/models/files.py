@@ -124,7 +124,8 @@ def _band(table: Any, of: str) -> Band:
             f"[{of}] must be a table with some of {', '.join(f.name for f in fields(Band))}"
         )
     _keys(table, tuple(f.name for f in fields(Band)), f"[{of}]")
-    values = {k: _number(v, f"{of}.{k}") for k, v in table.items()}
+    steps = _steps(table.get("effort_step", []), f"{of}.effort_step")
+    values = {k: _number(v, f"{of}.{k}") for k, v in table.items() if k != "effort_step"}
     for key, value in values.items():
         least = -math.inf if key in ("shift_s", "clock_ppm") else 0.0
         most = 1.0 if key == "accuracy" else math.inf
@@ -138,7 +139,16 @@ def _band(table: Any, of: str) -> Band:
             what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
             what = "microseconds a second" if key == "clock_ppm" else what
             raise ConfigError(f"{of}.{key} = {value:g}: expected {what}, or 0 = choose")
-    return Band(**values)
+    return Band(**values, effort_step=steps)
+
+
+def _steps(value: Any, what: str) -> tuple[float, ...]:
+    """Steps of a converter, one a joint; 0 = none."""
+    given = value if isinstance(value, list) else [value]
+    found = tuple(_number(x, what) for x in given)
+    if not isinstance(value, list) or not all(0.0 <= x < math.inf for x in found):
+        raise ConfigError(f"{what} = {value!r}: expected one step a joint, e.g. [0.05, 0.0, 0.02]")
+    return found
 
 
 def _valid(table: Any) -> tuple[Range, ...]:
@@ -264,6 +274,7 @@ def _band_lines(of: str, band: Band) -> list[str]:
         value = getattr(band, key)
         if value != getattr(Band(), key):
             lines += [f"{key} = {value!r}"]
+    lines += [f"effort_step = {list(band.effort_step)!r}"] if band.effort_step else []
     return lines
 
 

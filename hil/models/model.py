@@ -95,6 +95,9 @@ class Band:
     clock_ppm : float
         By how much the lateness of the efforts grows, in microseconds a second: their clock and
         that of the positions differ; 0 = not, or estimated where `shift_s` is.
+    effort_step : tuple of float
+        Steps of the converter that sends the efforts, by joint [N m or N], where the recorded ones
+        are those before it; 0 = none, empty = sought where an error is left.
     accuracy : float
         Share of the rms effort to which the efforts are known: no effect below it is named, and no
         error below it is unexplained.
@@ -108,6 +111,7 @@ class Band:
     lag_s: float = 0.0
     lag_poles: float = 1.0
     clock_ppm: float = 0.0
+    effort_step: tuple[float, ...] = ()
     accuracy: float = 0.0
 
     def beside(self, other: Band) -> Band:

@@ -383,6 +383,7 @@ def _band(problem: Problem) -> dict[str, object]:
         "lag_s": rounded(problem.alignment.lag),
         "lag_poles": problem.alignment.poles,
         "clock_ppm": rounded(1e6 * problem.alignment.rate),
+        "effort_step": [rounded(x) for x in problem.effort_step],
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.artefacts import BLURRED, at_reversals, blurred_above
+from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
@@ -69,6 +69,7 @@ LEADING = (
     GRAVITY,
     DIFFER,
     BLURRED,
+    ROUNDED,
     CHANGED,
     PUSHED,
     HIGH_FLOOR,
@@ -311,7 +312,7 @@ def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
     if ratio > ADEQUATE:
         return (
             f"what {model} leaves above the noise floor (up to {ratio:.2f} times) is of no "
-            "practical size, or comes of how the positions are measured."
+            "practical size, or comes of how it was measured."
         )
     return f"{model} explains the data down to the noise floor."
 
@@ -328,7 +329,8 @@ def details(m: Material) -> list[str]:
         + _said(m, GRAVITY)
         + [_finding(m, f) for f in m.findings]
     )
-    out += _said(m, BLURRED) + apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
+    out += _said(m, BLURRED) + _said(m, ROUNDED)
+    out += apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
