@@ -56,6 +56,7 @@ from hil.diagnosis.constants import (
     LEVEL,
     OPEN,
     TENTH,
+    WHOLE,
 )
 from hil.diagnosis.types import Candidate, Evidence, Step
 from hil.identify import bands
@@ -341,8 +342,8 @@ def _rounding(projector: Projector, j: int) -> float:
         known = projector.inner(own, c[:, None])
         along, size = float(c @ r), float(c @ c) - float(known[:, 0] @ known[:, 0])
         # what rounding takes, and not what is as high as it likes
-        b = float(np.clip(along / max(size, 1e-300), 0.0, ADEQUATE))
-        return b * (2 * along - b * size)
+        b = along / max(size, 1e-300)
+        return b * along if WHOLE < b < 1.0 / WHOLE else 0.0
 
     peaks, apart = _steps(projector, j)
     near = [1.0 / (f + x) for f in peaks for x in apart * np.linspace(-1.0, 1.0, ABOUT)]

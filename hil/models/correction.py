@@ -265,8 +265,12 @@ def _hats(x: FloatArray, knots: Sequence[float]) -> FloatArray:
 
     Beyond the last knot they stay as they are there.
     """
-    unit = np.eye(len(knots))[1:]
-    return np.stack([np.interp(x, knots, row) for row in unit], axis=1)
+    at = np.asarray(knots, dtype=np.float64)
+    # each piece rises to its knot; the hat is that less the rise to the next one
+    out: FloatArray = (x[:, None] - at[:-1]) / np.diff(at)
+    np.maximum(np.minimum(out, 1.0, out=out), 0.0, out=out)
+    out[:, :-1] -= out[:, 1:]
+    return out
 
 
 class OfSpeed(Correction):
