@@ -213,6 +213,7 @@ def _concluded(
         search.forward(joints)
     if joints := search.reformed(search.found):
         search.forward(joints)
+    search.untimed()
     named = exchange(search)
     search.blunted()
     renew(search.now.result)
@@ -395,8 +396,9 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     for a, b in stands:
         out.corrections += corrections_of(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search) + nearest_refused(search, out, last)
-    felt = dict(zip(search.problem.joints, matters(end), strict=True))
-    if out.verdict == "adequate" and any(felt[c.joint] for c in last.changes):
+    least = practical(search.problem) * search.problem.rms(search.problem.effort)
+    power = dict(zip(search.problem.joints, (end.rms / least) ** 2, strict=True))
+    if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
     return out
 

@@ -31,6 +31,7 @@ from hil.diagnosis.constants import (
     DISCREPANCY,
     HALF,
     LEVEL,
+    LITTLE,
     OPEN,
     RISEN,
     RUINED,
@@ -397,8 +398,9 @@ def _transfers(case: Refit) -> str:
     """A correction must serve every part of the recording by what the others say.
 
     No law keeps it from following what is special to one part; neighbouring blocks share that.  It
-    must lower the error of its joint, and on each part that of the robot, in shares of the efforts:
-    by chance all of five parts are better once in thirty times.  Of several runs those of little
+    must lower the error of its joint, and on each part that of the robot, in shares of the efforts,
+    or raise it there by next to nothing beside what all parts gain: by chance all of five parts are
+    better once in thirty times.  Of several runs those of little
     effort must be served by those of much, and the other way round.
     """
     traits = case.rated.candidate.term.effect.traits
@@ -414,7 +416,8 @@ def _transfers(case: Refit) -> str:
     for what, dealt in dealings.items():
         if dealt is not None:
             old, new = (search.parted(x.result, dealt) for x in (case.before, case.after))
-            if new[:, j].sum() >= old[:, j].sum() or np.any(new @ weight >= old @ weight):
+            fall = (old - new) @ weight
+            if new[:, j].sum() >= old[:, j].sum() or np.any(fall <= -LITTLE * fall.sum()):
                 return f"it does not hold from one {what} to the next"
     return ""
 

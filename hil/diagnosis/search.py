@@ -38,9 +38,10 @@ from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
 from hil.identify.design import replaced
 from hil.identify.multistep import MultiStep, both
-from hil.identify.problem import Problem
+from hil.identify.problem import Alignment, Problem
 from hil.identify.result import FitResult
-from hil.identify.shape_search import bluntest, rounder
+from hil.identify.shape_search import expected_sign, rounder
+from hil.identify.slow_motion import LESS, longest_shift
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -381,18 +382,59 @@ class Search:
         small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
         return sure and not small and not _missed(rung.errors, now, self._moves)
 
+    def untimed(self) -> bool:
+        """Efforts as they were recorded, where all that was found leaves clearly less with them so.
+
+        A lateness within a sample is that of the slow motion, and holds as long as something may
+        be missing that looks late.  Friction that sticks at its reversals looks early, and has no
+        law: in the end what foretells the efforts counts.
+
+        Returns
+        -------
+        bool
+            Whether they are taken so now.
+        """
+        problem, now = self.problem, self.now
+        before = problem.alignment
+        estimated = problem.given_shift is None and not (
+            problem.aligned or before.lag or before.rate
+        )
+        if not estimated or not 0.0 < abs(before.shift) <= longest_shift(problem):
+            return False
+        problem.align_effort(Alignment())
+        problem.aligned = True
+        last = self.rung(now.step.label, now.result.model, now.result.sigma)
+        ratio = np.stack(
+            [last.errors.rms / now.errors.rms, last.step.heldout.rms / now.step.heldout.rms]
+        )[:, self._moves]
+        if np.any(ratio > 1 + WORTH) or np.exp(np.mean(np.log(ratio))) > 1 - LESS:
+            problem.aligned = False
+            problem.align_effort(before)
+            renew(now.result)
+            return False
+        fresh = [self.rung(r.step.label, r.result.model, r.result.sigma) for r in self.rungs[:-1]]
+        for old, new in zip(self.rungs, [*fresh, last], strict=True):
+            new.added = old.added
+        self.rungs, self._tried = [*fresh, last], None
+        renew(last.result)
+        if not self.found:  # its evidence and floor are those of the other alignment
+            self.first = None
+            self.first, _ = self.evidence(self._moves)
+            self.last = self.first
+        return True
+
     def blunted(self) -> None:
-        """Signs as blunt as the fitted runs allow, once nothing pays any more.
+        """Signs as blunt as is to be expected from the fitted runs, once nothing pays any more.
 
         The search takes sharp ones, for a blunt sign imitates what is missing.  Strokes with rests
-        say no more than how blunt it may be; bristles turn real friction less sharply than that.
+        say no more than how blunt it may be, and so do fast runs.
         """
         now, problem = self.now, self.problem
         if self.examine.kind == "holdout":  # they have said how blunt
             return
         colour = self.first.floor.inflation if self.first else np.ones(problem.d)
         renew(now.result)
-        found = bluntest(now.result, problem.count / colour)
+        found = expected_sign(now.result, problem.count / colour)
         if not found:
             return
         before = dict(problem.least)

@@ -239,15 +239,17 @@ def _sharpest(projector: Projector, term: Term, best_gain: float) -> Term:
     return term
 
 
-#: Ratio of one resolution of the sign to the next that is tried, and fall of twice the logarithm of
-#: the likelihood within which one is as good as another: one standard error.
-BLUNTER, AS_GOOD = 1.25, 1.0
+#: Ratio of one resolution of the sign to the next that is tried.
+BLUNTER = 1.25
 
 
-def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], float]:
-    """The bluntest resolution of the sign that is as likely as any, by (``"coulomb"``, joint).
+def expected_sign(result: FitResult, count: FloatArray) -> dict[tuple[str, int], float]:
+    """The resolution of the sign that is to be expected, by (``"coulomb"``, joint).
 
-    With N independent instants, N log(left / least) < 1 of the squared error.
+    Where many are as likely, the sharpest foretells slow turns as badly as the bluntest one.  With
+    N independent instants and squared errors S of resolutions v0, each a step sharper,
+
+        log v0 = sum w log v0 / sum w,    w = (S / least)^(-N / 2).
 
     Parameters
     ----------
@@ -259,7 +261,7 @@ def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], floa
     Returns
     -------
     dict
-        Of joints where it is blunter than what the fit has.
+        Of joints where it is clearly blunter than what the fit has.
     """
     problem, out = result.problem, dict[tuple[str, int], float]()
     for t in result.terms:
@@ -273,10 +275,10 @@ def bluntest(result: FitResult, count: FloatArray) -> dict[tuple[str, int], floa
         with problem.aside():
             gains = [projector.gain(t.reshaped((x, *t.shape[1:]))) for x in values]
         rest = np.maximum([left(projector, t, g) for g in gains], 1e-300)
-        good = count[t.joint] * np.log(rest / rest.min()) < AS_GOOD
-        last = values[int(np.flatnonzero(good)[-1])]
-        if last > v0:
-            out[t.key] = last
+        odds = np.exp(-0.5 * count[t.joint] * np.log(rest / rest.min()))
+        middle = float(np.exp(odds @ np.log(values) / odds.sum()))
+        if middle > BLUNTER * v0:
+            out[t.key] = middle
     return out
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import hil
 from hil.diagnosis.search import Search
-from hil.identify.shape_search import bluntest
+from hil.identify.shape_search import expected_sign
 from hil.models import catalogue
 from hil.models.model import RobotModel
 from hil.models.presliding import dahl_state
@@ -146,7 +146,7 @@ def strokes(t, seed):
     return q, v, np.gradient(v, dt)
 
 
-def test_strokes_with_rests_leave_the_sign_as_blunt_as_they_allow():
+def test_strokes_with_rests_leave_the_sign_as_blunt_as_is_to_be_expected():
     """They say no more than that it is not blunter; the sharpest one foretold slow turns badly."""
     rng, t = np.random.default_rng(5), np.arange(10000) / 250.0
     q, v, a = strokes(t, 5)
@@ -156,7 +156,7 @@ def test_strokes_with_rests_leave_the_sign_as_blunt_as_they_allow():
     assert d.verdict == "adequate"
     value = d.ladder[-1].result.values["j1.coulomb.v0"].value
     assert value == pytest.approx(0.01, rel=0.5)
-    again = bluntest(d.ladder[-1].result, d.ladder[-1].result.problem.count)
+    again = expected_sign(d.ladder[-1].result, d.ladder[-1].result.problem.count)
     assert again.get(("coulomb", 0), value) < 2 * value
 
 
