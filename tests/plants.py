@@ -793,6 +793,36 @@ def stepped_axis(seed, step, spring=0.0, sent=False, speeds=(0.05, 0.8), seconds
     return single(f"run{seed}", h * np.arange(path.size), rows[:, 0], rows[:, 1])
 
 
+@numba.njit(cache=True)
+def _screwed(path: np.ndarray, h: float) -> np.ndarray:
+    """Angle and effort (n, 2) of a screw under a stiff servo, at steps h."""
+    inertia, dry, viscous = 8e-4, 0.2, 0.003
+    out, q, v, sum_ = np.empty((path.size, 2)), path[0], 0.0, 0.0
+    for k in range(path.size):
+        ahead = path[min(k + 1, path.size - 1)]
+        error = path[k] - q
+        sum_ += 200.0 * error * h
+        u = 40.0 * error + 0.6 * ((ahead - path[k]) / h - v) + sum_
+        out[k] = q, u
+        v += h * (u - viscous * v - dry * np.tanh(v / 0.002)) / inertia
+        q += h * v
+    return out
+
+
+def sharp_screw(seed, late=0.4e-3, seconds=40.0):
+    """A screw whose dry friction turns within 0.002 rad/s; coarse counts, efforts `late` [s]."""
+    h, part, noise, count = 2e-5, 50, 0.006, 2 * np.pi / 2**14
+    rng = np.random.default_rng(seed)
+    t = h * np.arange(int(seconds / h))
+    f = np.array([0.1, 0.23, 0.4, 0.77, 1.3, 2.1])
+    path = np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6.28, 6)) @ (1.0 / f**0.5)
+    path *= 12.0 / np.abs(path).max() * np.clip(t, 0, 1)
+    found, back = _screwed(path, h), int(round(late / h))
+    at = np.arange(back, t.size, part)
+    tau = found[at - back, 1] + noise * rng.normal(size=at.size)
+    return single("screw", h * (at - back), count * np.round(found[at, 0] / count), tau)
+
+
 #: Mass, Coulomb and viscous friction of `pushed_axes`.
 MASS, DRY, VISCOUS = 2.0, 0.5, 1.5
 

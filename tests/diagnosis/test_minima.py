@@ -160,6 +160,34 @@ def test_strokes_with_rests_leave_the_sign_as_blunt_as_is_to_be_expected():
     assert again.get(("coulomb", 0), value) < 2 * value
 
 
+@pytest.mark.parametrize("seed", plants.seeds(1, 4))
+def test_a_lateness_that_doubles_the_error_in_the_end_is_not_taken(seed):
+    """The slow motion says it, and friction that sticks at its reversals leaves more with it."""
+    train, other = plants.sharp_screw(seed), plants.sharp_screw(seed + 20)
+    d = diagnosed(train)
+    assert d.verdict == "adequate" and not d.findings
+    assert d.model.fitted.shift_s == 0.0
+    late = replace(d.model.fitted, shift_s=-0.4e-3)
+    error = [
+        hil.fit(other, replace(d.model, fitted=band).as_it_is()).relative[0]
+        for band in (d.model.fitted, late)
+    ]
+    assert error[0] < 0.9 * error[1]
+
+
+def test_a_sign_that_fast_runs_do_not_show_is_not_as_blunt_as_they_allow():
+    """Of a width that may be anything up to a tenth of the speed, the middle errs least."""
+    rng, t = np.random.default_rng(2), np.arange(15000) / 500.0
+    q = 0.5 * np.sin(2 * np.pi * 1.3 * t) + 0.3 * np.sin(2 * np.pi * 2.9 * t + 1.0)
+    v = np.gradient(q, t)
+    a = np.gradient(v, t)
+    tau = 0.05 * a + 0.3 * np.tanh(v / 0.02) + 0.1 * v
+    tau = tau + 0.05 * np.std(tau) * rng.normal(size=t.size)
+    d = diagnosed(plants.single("fast", t, q + 1e-6 * rng.normal(size=t.size), tau))
+    value = d.ladder[-1].result.values["j1.coulomb.v0"].value
+    assert 0.02 / 5 < value < 5 * 0.02
+
+
 def test_counts_in_a_table_with_rounded_numbers_are_counts():
     """Slow strokes behind 15 bits, written with nine digits, were presliding over 1.4 counts."""
     count = 2 * np.pi / 2**15

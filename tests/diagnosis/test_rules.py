@@ -145,6 +145,14 @@ def test_a_correction_transfers_from_part_to_part(effect: str, factor: float, ri
     assert ("from one part" in reason) is (rises and effect != "stribeck")
 
 
+@pytest.mark.parametrize(("rise", "stopped"), [(1.003, False), (1.2, True)])
+def test_one_part_may_lose_next_to_nothing_beside_what_all_gain(rise: float, stopped: bool) -> None:
+    factor = np.full(NOISE.size, 0.6)
+    factor[: NOISE.size // 5] = rise
+    one = refit(NOISE, factor * NOISE, "folds", CORRECTION)
+    assert ("from one part" in rules.FIT["transfers"](one)) is stopped
+
+
 def test_a_correction_holds_from_one_level_of_effort_to_the_next() -> None:
     """Parts that hold both levels do not show it; runs of one alone do."""
     one = refit(NOISE, 0.9 * NOISE, "folds", CORRECTION)
