@@ -8,6 +8,7 @@ import pytest
 from hil.bench import ukf
 from hil.cli import main
 from hil.experiments import manual_excitation
+from hil.experiments.elastic_transmission import record
 
 
 def test_elastic_ukf_as_json(capsys):
@@ -19,6 +20,8 @@ def test_elastic_ukf_as_json(capsys):
 
 
 def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
+    # the 300 steps that are compared, and as many again to time
+    monkeypatch.setattr(ukf, "record", lambda plant, _, seed: record(plant, 0.6, seed))
     monkeypatch.setattr(ukf, "measure", partial(ukf.measure, steps=300))
     monkeypatch.setattr(ukf, "_in_the_loop", partial(ukf._in_the_loop, ticks=500))
     assert main(["bench", "ukf", "--json"]) == 0
