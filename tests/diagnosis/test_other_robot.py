@@ -6,7 +6,6 @@ import numpy as np
 import plants
 import pytest
 
-from hil.diagnosis import engine, preconditions
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.preconditions import GRAVITY, OTHER_ROBOT, contradicted, other_robot
 from hil.diagnosis.verbs import compare, fit
@@ -65,24 +64,3 @@ def test_gravity_by_the_data_is_set_against_the_description() -> None:
     assert ratio == pytest.approx(1 / 1.4, abs=0.02)
     seen = compare([run], base_model(wrong), simulate=False)
     assert GRAVITY in {f.code for f in seen.faults}
-
-
-def test_gravity_upwards_on_one_joint_is_a_force_and_leaves_no_names(monkeypatch) -> None:
-    """No masses do that: what is named beside such masses means nothing."""
-    run = plants.double_pendulum(stribeck=0.5)
-    model = base_model(run.robot)
-    found = diagnose([run], model)
-    assert found.findings
-    result = found.ladder[0].result
-    every = [preconditions.Weighed(0, 1.1, 0.02, 0.5), preconditions.Weighed(1, -6.0, 0.5, 0.5)]
-    monkeypatch.setattr(preconditions, "weighed", lambda result: every)
-    told = dict(text.split(":", 1) for _, text in contradicted(result))
-    assert preconditions.NO_MASSES in told[f"gravity of {run.joints[1]}"]
-    assert preconditions.NO_MASSES not in told[f"gravity of {run.joints[0]}"]
-    assert preconditions.touched(result, np.array([5.0, 40.0]))
-    # a model that fits all the same keeps its names: gravity may act from another side
-    assert not preconditions.touched(result, np.array([40.0, 2.0]))
-    monkeypatch.setattr(engine, "touched", lambda result, heldout: True)
-    bare = diagnose([run], model)
-    assert bare.verdict == "unexplained" and not (bare.findings or bare.partial)
-    assert [s.label for s in bare.ladder] == ["base model"] and not bare.corrections

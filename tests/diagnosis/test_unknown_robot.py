@@ -11,6 +11,7 @@ import pytest
 import hil
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import text
+from hil.diagnosis import engine, preconditions
 from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.models.robots import undescribed
@@ -124,3 +125,25 @@ def test_a_lateness_that_is_none_is_not_told() -> None:
     """What was shifted to and fro while the geometry was missing is no news."""
     d = diagnosed()
     assert not any(code == "late-effort" for code, _ in d.warnings)
+
+
+def test_gravity_upwards_on_one_joint_is_a_force_and_leaves_no_names(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No masses do that: what is named beside such masses means nothing."""
+    run = plants.double_pendulum(0.8)
+    found = diagnosed(0.8)
+    assert found.findings
+    result = found.ladder[0].result
+    every = [preconditions.Weighed(0, 1.1, 0.02, 0.5), preconditions.Weighed(1, -6.0, 0.5, 0.5)]
+    monkeypatch.setattr(preconditions, "weighed", lambda result: every)
+    told = dict(text.split(":", 1) for _, text in preconditions.contradicted(result))
+    assert preconditions.NO_MASSES in told[f"gravity of {run.joints[1]}"]
+    assert preconditions.NO_MASSES not in told[f"gravity of {run.joints[0]}"]
+    assert preconditions.touched(result, np.array([5.0, 40.0]))
+    # a model that fits all the same keeps its names: gravity may act from another side
+    assert not preconditions.touched(result, np.array([40.0, 2.0]))
+    monkeypatch.setattr(engine, "touched", lambda result, heldout: True)
+    bare = hil.diagnose([run], base_model(run.robot))
+    assert bare.verdict == "unexplained" and not (bare.findings or bare.partial)
+    assert [s.label for s in bare.ladder] == ["base model"] and not bare.corrections
