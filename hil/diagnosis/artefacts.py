@@ -296,6 +296,8 @@ ROUNDED = "rounded-efforts"
 #: Steps that are tried, in units of the one whose rounding leaves the residual: a filter lets less
 #: of it pass.
 STEPS = (0.7, 8.0)
+#: Steps within the effort's range, at least: of few, the rounding is most of the effort itself.
+LEAST = 10
 #: Lines of the search to one over the effort's range, how many at most, and how many at once.
 FINE, MOST, TOGETHER = 16, 2**12, 128
 #: Peaks that are looked at closely, and values about one.
@@ -366,7 +368,9 @@ def _steps(projector: Projector, j: int) -> tuple[list[float], float]:
         return [], 0.0
     apart = 1.0 / (FINE * span)
     first, last = (1.0 / (x * left * apart) for x in STEPS[::-1])
-    f = np.arange(max(int(first), 1), min(int(last), MOST) + 2, dtype=np.float64) * apart
+    f = np.arange(max(int(first), LEAST * FINE), min(int(last), MOST) + 2, dtype=np.float64) * apart
+    if f.size < 3:
+        return [], 0.0
     score = np.zeros(f.size)
     for part in np.array_split(np.arange(f.size), 1 + f.size // TOGETHER):
         c = problem.gated([_saw(x, np.divide(1.0, f[part])) for x in effort], j)

@@ -397,7 +397,9 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
         out.corrections += corrections_of(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search) + nearest_refused(search, out, last)
     least = practical(search.problem) * search.problem.rms(search.problem.effort)
-    power = dict(zip(search.problem.joints, (end.rms / least) ** 2, strict=True))
+    power = dict(
+        zip(search.problem.joints, (end.rms / np.maximum(least, 1e-300)) ** 2, strict=True)
+    )
     if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
     return out

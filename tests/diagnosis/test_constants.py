@@ -12,7 +12,10 @@ _MOST = 40
 _HELD = {"verbs": {1.0, 0.99, 1.01}}
 #: Numbers that decide nothing: rounding, bases, grids, draws, rows.
 _ARITHMETIC = {
-    "artefacts": {"WIDER", "WIDEST", "CUTS"},
+    "artefacts": {
+        *("WIDER", "WIDEST", "CUTS"),
+        *("STEPS", "LEAST", "FINE", "MOST", "TOGETHER", "PEAKS", "ABOUT"),
+    },
     "attribution": {"FURTHER"},
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
     "equivalence": {"PROBE", "MAX_RIVALS"},
