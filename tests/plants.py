@@ -817,7 +817,7 @@ def sharp_screw(seed, late=0.4e-3, seconds=40.0):
     f = np.array([0.1, 0.23, 0.4, 0.77, 1.3, 2.1])
     path = np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6.28, 6)) @ (1.0 / f**0.5)
     path *= 12.0 / np.abs(path).max() * np.clip(t, 0, 1)
-    found, back = _screwed(path, h), int(round(late / h))
+    found, back = _screwed(path, h), round(late / h)
     at = np.arange(back, t.size, part)
     tau = found[at - back, 1] + noise * rng.normal(size=at.size)
     return single("screw", h * (at - back), count * np.round(found[at, 0] / count), tau)
