@@ -298,8 +298,8 @@ ROUNDED = "rounded-efforts"
 STEPS = (0.7, 8.0)
 #: Steps within the effort's range, at least: of few, the rounding is most of the effort itself.
 LEAST = 10
-#: Lines of the search to one over the effort's range, how many at most, and how many at once.
-FINE, MOST, TOGETHER = 16, 2**12, 128
+#: Lines of the search to one over the effort's range, how many at most, and numbers made at once.
+FINE, MOST, TOGETHER = 16, 2**12, 2**21
 #: Peaks that are looked at closely, and values about one.
 PEAKS, ABOUT = 6, 17
 
@@ -372,7 +372,9 @@ def _steps(projector: Projector, j: int) -> tuple[list[float], float]:
     if f.size < 3:
         return [], 0.0
     score = np.zeros(f.size)
-    for part in np.array_split(np.arange(f.size), 1 + f.size // TOGETHER):
+    for part in np.array_split(
+        np.arange(f.size), min(1 + f.size * problem.instants // TOGETHER, f.size)
+    ):
         c = problem.gated([_saw(x, np.divide(1.0, f[part])) for x in effort], j)
         known = projector.inner(own, c)
         size = np.sum(c**2, axis=0) - np.sum(known**2, axis=0)
@@ -421,7 +423,7 @@ def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
             ROUNDED,
             "The motors get the recorded efforts rounded to steps of a converter: "
             f"{', '.join(told)}. This is taken into account (effort_step under [signal] in the "
-            "model file; [0.0] for every joint to change nothing)",
+            "model file; [0.0] to change nothing)",
         )
     ]
 

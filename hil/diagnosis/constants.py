@@ -97,7 +97,8 @@ BEATEN = 0.2
 
 #: What is little of a whole: of a cosine of one between projected columns, so that two effects look
 #: the same and a fifth of the gain is left between them; of a direction that the base hides; of the
-#: top speed, of the deepest contact.  Half: pairs that no data separate are told apart by chance;
+#: top speed, of the deepest contact; of what all parts gain by a correction that one part may lose.
+#: Half: pairs that no data separate are told apart by chance;
 #: double: effects that can be separated share a set.
 LITTLE = 0.02
 #: Cosine from which two effects look the same.

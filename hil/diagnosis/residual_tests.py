@@ -28,6 +28,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.special import chdtri
 
 from hil.diagnosis.artefacts import Blur, blur, coarse
@@ -305,7 +306,7 @@ def _elsewhere(
     share = filtered.gain * projector.sigma[j] ** 2 / max(float(np.sum(left**2)), 1e-300)
     near = np.abs(filtered.effort) > TENTH * float(np.max(np.abs(filtered.effort)))
     # the filter of the efforts spreads a burst to the rows beside it
-    near |= np.roll(near, 1) | np.roll(near, -1)
+    near = binary_dilation(near)
     if share <= FLOOR_SHARE or np.all(near | ~problem.live[j]):
         return _even(_runs(problem, j, left))[0]
     runs = [

@@ -400,8 +400,8 @@ def _transfers(case: Refit) -> str:
     No law keeps it from following what is special to one part; neighbouring blocks share that.  It
     must lower the error of its joint, and on each part that of the robot, in shares of the efforts,
     or raise it there by next to nothing beside what all parts gain: by chance all of five parts are
-    better once in thirty times.  Of several runs those of little
-    effort must be served by those of much, and the other way round.
+    better once in thirty times.  Of several runs those of little effort must be served by those of
+    much, and the other way round.
     """
     traits = case.rated.candidate.term.effect.traits
     if Trait.CORRECTION not in traits or case.before.step.heldout.kind != "folds":

@@ -404,10 +404,11 @@ class Search:
         problem.align_effort(Alignment())
         problem.aligned = True
         last = self.rung(now.step.label, now.result.model, now.result.sigma)
-        ratio = np.stack(
-            [last.errors.rms / now.errors.rms, last.step.heldout.rms / now.step.heldout.rms]
-        )[:, self._moves]
-        if np.any(ratio > 1 + WORTH) or np.exp(np.mean(np.log(ratio))) > 1 - LESS:
+        after, error = (
+            np.stack([x.errors.rms, x.step.heldout.rms])[:, self._moves] for x in (last, now)
+        )
+        ratio = after / np.maximum(error, 1e-300)
+        if np.any(ratio > 1 + WORTH) or np.prod(ratio) ** (1.0 / ratio.size) > 1 - LESS:
             problem.aligned = False
             problem.align_effort(before)
             renew(now.result)

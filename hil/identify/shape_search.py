@@ -247,7 +247,7 @@ def expected_sign(result: FitResult, count: FloatArray) -> dict[tuple[str, int],
     """The resolution of the sign that is to be expected, by (``"coulomb"``, joint).
 
     Where many are as likely, the sharpest foretells slow turns as badly as the bluntest one.  With
-    N independent instants and squared errors S of resolutions v0, each a step sharper,
+    N independent instants and squared errors S of resolutions v0, each a step blunter,
 
         log v0 = sum w log v0 / sum w,    w = (S / least)^(-N / 2).
 

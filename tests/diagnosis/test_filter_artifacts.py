@@ -1,5 +1,7 @@
 """Reversals that the positions' filter blurs are no missing physics, and hide none."""
 
+from dataclasses import replace
+
 import plants
 import pytest
 
@@ -7,6 +9,7 @@ import hil
 from hil.commands.diagnose import text, verdict
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
+from hil.diagnosis.verdict import of_noise
 from hil.report import text as report_text
 from hil.report.data import from_diagnosis
 
@@ -75,6 +78,21 @@ def test_without_dry_friction_in_the_model_nothing_is_said():
     d = diagnosed(run)
     assert d.first.projector is not None
     assert artefacts.blur(result, d.first.projector, 0).gain == 0.0
+
+
+def test_a_held_out_error_is_excused_by_what_reversals_make_of_the_fitted_one(monkeypatch):
+    """By its power there and no share of more: what is new on the held-out runs is not excused."""
+    d = diagnosed(plants.quick_axis(1))
+    step, fitted = d.explained, d.explained.result.rms**2
+    one = step.heldout.residual / step.heldout.rms[:, None]
+    monkeypatch.setattr(artefacts, "blurred_parts", lambda *_: 0.8 * fitted)
+    there = 0.8 * step.result.rms
+    for times, excused in ((1.1, True), (2.0, False)):
+        held = replace(step.heldout, residual=times * step.result.rms[:, None] * one)
+        assert held.rms == pytest.approx(times * step.result.rms)
+        assert of_noise(replace(step, heldout=held), d.last, there, there=True).tolist() == [
+            excused
+        ]
 
 
 def test_what_is_left_at_reversals_is_no_missing_effect(monkeypatch):
