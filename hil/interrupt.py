@@ -69,16 +69,18 @@ class Interrupts:
         return f"{self._name}: interrupted{f'; {said}' if said else ''}\n"
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        unwinds = time.monotonic() - self._since <= UNWINDING_S
         if not self._running:
+            if unwinds:  # the line that says where the record is comes now
+                return
             self.leave(self.line())
         while frame is not None:
             if frame.f_code is Interrupts._unraisable.__code__:  # it would be lost once more
                 self._give_again()
                 return
             frame = frame.f_back
-        now = time.monotonic()
-        if now - self._since > UNWINDING_S:
-            self._since, self.seen = now, True
+        if not unwinds:
+            self._since, self.seen = time.monotonic(), True
             raise KeyboardInterrupt
 
     def done(self, code: int) -> None:
@@ -174,6 +176,9 @@ def _follow(sentinel: int) -> None:
 def saying(where: Callable[[], str]) -> Iterator[None]:
     """Add to an interruption where the record is.
 
+    An error after an interruption is its consequence: a library that was interrupted in a
+    callback says so in its own way.
+
     Parameters
     ----------
     where : callable
@@ -181,5 +186,7 @@ def saying(where: Callable[[], str]) -> Iterator[None]:
     """
     try:
         yield
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, Exception) as error:
+        if not (interrupts.seen or isinstance(error, KeyboardInterrupt)):
+            raise
         raise KeyboardInterrupt(where()).with_traceback(error.__traceback__) from None

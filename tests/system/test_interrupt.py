@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.interrupt import Interrupts, held_back, saying
+from hil.interrupt import Interrupts, held_back, interrupts, saying
 from hil.record.mcap_read import load
 
 #: Runs the program and gives it Ctrl-C when it begins to import a module.
@@ -101,6 +101,18 @@ def test_a_second_one_does_not_disturb_what_the_first_unwinds():
     assert interrupts.line("x") == ""  # said once
 
 
+def test_one_between_the_end_of_a_command_and_its_line_does_not_cost_the_line(monkeypatch):
+    interrupts = Interrupts()
+    monkeypatch.setattr(interrupts, "leave", lambda line: sys.exit(f"left: {line}"))
+    with pytest.raises(KeyboardInterrupt), interrupts.unwinding("run"):
+        interrupts._handle(signal.SIGINT, None)
+    interrupts._handle(signal.SIGINT, None)
+    assert interrupts.line("x") == "hil run: interrupted; x\n"
+    interrupts._since -= 60.0  # what hangs at the end can be left, without a second line
+    with pytest.raises(SystemExit, match=r"^left: $"):
+        interrupts._handle(signal.SIGINT, None)
+
+
 def test_one_that_a_callback_swallows_is_given_again():
     script = (
         "import gc, sys, time\nfrom hil.interrupt import interrupts\ninterrupts.arm()\n"
@@ -155,6 +167,18 @@ def test_where_the_record_is_is_asked_for_after_closing():
             raise KeyboardInterrupt
         finally:
             closed.append("it is here")
+
+
+def test_where_the_record_is_is_said_where_a_library_made_its_own_error_of_it(monkeypatch):
+    monkeypatch.setattr(interrupts, "seen", True)
+    with pytest.raises(KeyboardInterrupt, match="it is here"), saying(lambda: "it is here"):
+        raise SystemError("returned a result with an exception set")
+
+
+def test_an_error_without_an_interruption_stays_what_it_is(monkeypatch):
+    monkeypatch.setattr(interrupts, "seen", False)
+    with pytest.raises(OSError, match="no space"), saying(lambda: "it is here"):
+        raise OSError("no space left")
 
 
 #: A bench that works in a pool of processes and draws a bar, interrupted by the whole terminal.
