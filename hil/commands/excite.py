@@ -31,7 +31,7 @@ from hil import outputs, progress, terminal
 from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
-from hil.excite.choose import NOISE, SIZE, Choice, decide, question, survey
+from hil.excite.choose import NOISE, SIZE, Choice, decide, menu, question, survey
 from hil.excite.question import (
     BAND,
     Question,
@@ -559,7 +559,7 @@ def _separate(
     joint, joints = _joint(args, stage), len(stage.space.robot.joints)
     progress.at("rate the motions", 0.0)
     asked = question(model, names, joint, stage)
-    found = decide(survey(asked, stage, joint), asked, ())
+    found = decide(survey(menu(asked, stage, joint), asked, stage), asked, ())
     best = next((o for o in found.options if o.motion.name == args.motion), found.best)
     if found.structural:
         raise ConfigError(_inseparable(names))

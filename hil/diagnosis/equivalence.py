@@ -50,7 +50,7 @@ from hil.diagnosis.types import (
 )
 from hil.errors import ConfigError
 from hil.excite import choose
-from hil.excite.choose import Choice, Survey, decide, measured, survey
+from hil.excite.choose import Choice, Foreseen, Survey, decide, measured, survey
 from hil.excite.question import (
     Question,
     Rival,
@@ -103,6 +103,8 @@ class Planner:
 
     def __post_init__(self) -> None:
         self._seen: dict[tuple[tuple[str, int], ...], tuple[Survey, Question]] = {}
+        #: Motions of a joint as the fit foresees them, whatever the rivals are.
+        self._menus: dict[tuple[int | None, tuple[str, ...]], list[Foreseen]] = {}
         self._stage = _stage(self.result)
         #: Whether every motion of the menu was too long to foresee.
         self.unplanned = False
@@ -140,7 +142,9 @@ class Planner:
         whole = all(c.term.effect.scope.whole for c in among)
         names = tuple(n for n in choose.MENU if not whole or n in RICH)
         joint = None if whole else among[0].term.joint
-        return survey(question, stage, joint, known, names), question
+        if (joint, names) not in self._menus:
+            self._menus[joint, names] = choose.menu(question, stage, joint, names)
+        return survey(self._menus[joint, names], question, stage, known), question
 
 
 def _stage(result: FitResult) -> Stage | None:

@@ -420,43 +420,58 @@ class Survey:
 LONGEST = 20.0
 
 
-def survey(
-    question: Question,
-    stage: Stage,
-    joint: int | None,
-    known: FloatArray | None = None,
-    names: tuple[str, ...] = tuple(MENU),
-) -> Survey:
-    """Foresee the motions of the menu.
+#: A motion made small enough for every limit, what it would record, and its margins.
+Foreseen = tuple[Trajectory, Problem, list[Margin]]
+
+
+def menu(
+    question: Question, stage: Stage, joint: int | None, names: tuple[str, ...] = tuple(MENU)
+) -> list[Foreseen]:
+    """Foresee the motions of the menu; the question's rivals have no part in it.
 
     Parameters
     ----------
     question : Question
-        Base, rivals, noise.
+        Base and its context.
     stage : Stage
         Robot, limits, band, length.
     joint : int or None
         Joint that is to move; None: all of them in turn.
-    known : ndarray (p, p), optional
-        Gram matrix of what is recorded already.
     names : tuple of str
         Motions to look at; what would last `LONGEST` times the stage's length is left out, so that
         there may be none.
     """
     lone = SEVERAL if stage.space.center.size == 1 else ()
-    out = Survey([], [], known)
+    out = []
     for name in (n for n in names if n not in lone):
         try:
             wanted = MENU[name](stage.space, joint, stage.seconds)
         except ConfigError:  # longer than any trajectory may be
             continue
-        if wanted.period > LONGEST * stage.seconds:
-            continue
-        motion, problem, found = fitted(wanted, stage, question)
-        out.motions.append((motion, found))
-        # as long as the others: information per time counts
-        out.grams.append(gram(problem, question) * (stage.seconds / motion.period))
+        if wanted.period <= LONGEST * stage.seconds:
+            out.append(fitted(wanted, stage, question))
     return out
+
+
+def survey(
+    foreseen: list[Foreseen], question: Question, stage: Stage, known: FloatArray | None = None
+) -> Survey:
+    """What each motion of a menu would say of a question.
+
+    Parameters
+    ----------
+    foreseen : list of Foreseen
+        From `menu`, of a question with the same base and context.
+    question : Question
+        Base, rivals, noise.
+    stage : Stage
+        The one of the menu.
+    known : ndarray (p, p), optional
+        Gram matrix of what is recorded already.
+    """
+    # as long as the others: information per time counts
+    grams = [gram(p, question) * (stage.seconds / motion.period) for motion, p, _ in foreseen]
+    return Survey([(motion, found) for motion, _, found in foreseen], grams, known)
 
 
 def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:

@@ -460,9 +460,10 @@ def fitted(
 ) -> tuple[Trajectory, Problem, list[Margin]]:
     """The motion made small enough for every limit, foreseen, with its margins.
 
-    Its efforts are foreseen where it keeps the other limits.  One that passes the middle posture
-    and breaks a torque limit even as small as it may become breaks it there: no size between is
-    foreseen.
+    Its efforts are foreseen where it keeps the other limits.  Where the largest such size breaks a
+    torque limit and the smallest does not, the size between is found by bisection.  Where the
+    smallest breaks it, too, so does every size of a motion that passes the middle posture; of
+    another one all are foreseen, as its postures of rest change with its size.
     """
     limits, robot = stage.space.limits, stage.space.robot
     sizes = [motion]
@@ -478,20 +479,27 @@ def fitted(
     def unloaded(k: int) -> list[Margin]:
         return margins(sizes[k], limits, robot)
 
-    last, first = SIZES - 1, True
-    for k in range(last):
-        free = unloaded(k)
-        if any(_beyond(m) for m in free):
-            continue
-        out = foreseen_at(k, free)
-        if out[0] is sizes[k]:
-            return out
-        if first and _passes_middle(motion, stage.space):
-            smallest = foreseen_at(last, unloaded(last))
-            if smallest[0] is not sizes[last]:
-                return smallest
-        first = False
-    return foreseen_at(last, unloaded(last))
+    last = SIZES - 1
+    first = next((k for k in range(last) if not any(map(_beyond, unloaded(k)))), last)
+    largest = foreseen_at(first, unloaded(first))
+    if first == last or largest[0] is sizes[first]:
+        return largest
+    smallest = foreseen_at(last, unloaded(last))
+    if smallest[0] is not sizes[last]:
+        if _passes_middle(motion, stage.space):
+            return smallest
+        others = (foreseen_at(k, unloaded(k)) for k in range(first + 1, last))
+        return next((x for x in others if not any(map(_beyond, x[2]))), smallest)
+    # sizes[broken] breaks a limit, sizes[kept] keeps all
+    broken, kept, out = first, last, smallest
+    while kept - broken > 1:
+        k = (broken + kept) // 2
+        found = foreseen_at(k, unloaded(k))
+        if any(map(_beyond, found[2])):
+            broken = k
+        else:
+            kept, out = k, found
+    return out
 
 
 #: Sizes of a motion that are tried, each by so much smaller than the one before.

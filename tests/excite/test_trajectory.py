@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hil.errors import ConfigError
 from hil.excite import choose, question, trajectory
-from hil.excite.choose import decide, survey
+from hil.excite.choose import decide, menu, survey
 from hil.excite.question import Stage, explore, fitted, stage_of
 from hil.excite.trajectory import HEADROOM, Trajectory, check, grid, margins, of_robot, sample
 from hil.identify.bands import Rates
@@ -143,10 +143,10 @@ def test_an_axis_that_swings_keeps_its_range():
 def test_motions_that_take_too_long_are_not_foreseen():
     stage = stage_of(turning(2.0))
     slow = replace(stage, space=replace(stage.space, speed=stage.space.speed * 1e-4))
-    seen = survey(None, slow, 0, names=("range-strokes", "rests"))
-    assert seen.motions == []
+    found = menu(None, slow, 0, ("range-strokes", "rests"))
+    assert found == []
     with pytest.raises(ConfigError, match="too slow for their ranges"):
-        decide(seen, None, ())
+        decide(survey(found, None, slow), None, ())
 
 
 @pytest.mark.parametrize(("rests_at", "moves_with"), [(1.2, 0.5), (0.0, 2.0), (0.3, 0.1)])
