@@ -44,6 +44,8 @@ from hil.userfile import read_text
 
 FloatArray = NDArray[np.float64]
 EXTRAS = "hil_msgs/msg/Extras"
+#: Columns that a table of one joint may have without its number; `i` is often a row's number.
+OF_A_JOINT = ("q", "qd", "tau", "tauext")
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,8 @@ def _with_defaults(
 ) -> tuple[dict[str, Rule], list[str]]:
     """Rules of the map, and columns that bear a default name and that no rule uses; what is said.
 
-    Where nothing is the time, a column that is named like one is taken.
+    Where nothing is the time, a column that is named like one is taken.  Where no column bears the
+    number of a joint, those without one are of the only joint.
     """
     own = {**given.expand(table.names), **rules}
     taken = {source for rule in own.values() for source in rule.terms}
@@ -231,6 +234,10 @@ def _with_defaults(
         n: given.rule(n, n) for n in table.names if is_target(n) and n not in taken | set(own)
     }
     out, said = {**own, **default}, []
+    lone = [n for n in table.names if n in OF_A_JOINT and n not in taken]
+    if "q" in lone and not any(n.rstrip("0123456789") in OF_A_JOINT for n in out):
+        out |= {f"{n}1": given.rule(f"{n}1", n) for n in lone}
+        said.append(f"the columns {', '.join(lone)} are taken as those of the only joint")
     timed = [n for n in table.names if time_unit(n) is not None and n not in taken]
     if "t" not in out and not given.rate_hz and len(timed) == 1:
         out["t"] = given.rule("t", timed[0])

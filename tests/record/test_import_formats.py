@@ -188,6 +188,24 @@ def test_every_run_in_quiet(tmp_path, frame, capsys):
     assert "1 of them cannot be fitted: b.mcap\n" in capsys.readouterr().out
 
 
+def test_columns_of_the_only_joint_need_no_number(tmp_path, frame, capsys):
+    one = frame[["t", "q1", "tau1"]].rename(columns={"q1": "q", "tau1": "tau"})
+    table = write_csv(tmp_path / "one.csv", one.assign(i=range(len(one))))
+    assert main(["import", str(table), "-o", str(tmp_path / "one.mcap")]) == 0
+    said = "".join(capsys.readouterr())
+    assert "the columns q, tau are taken as those of the only joint" in said
+    assert "not used: i" in said
+    found = load(tmp_path / "one.mcap")
+    assert np.array_equal(found.q[:, 0], frame["q1"]) and found.tau.shape == (len(one), 1)
+
+
+def test_a_column_without_a_number_beside_numbered_ones_is_none_of_a_joint(tmp_path, frame, capsys):
+    table = write_csv(tmp_path / "two.csv", frame.assign(q=1.0, tau=2.0))
+    assert main(["import", str(table), "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "not used: q, tau" in out and "only joint" not in out
+
+
 def test_a_dry_run_shows_and_writes_nothing(tmp_path, frame, capsys):
     frame = frame.assign(tauext1=0.25, tauext2=0.5)
     table = write_csv(tmp_path / "run.csv", frame.rename(columns={"t": "time_s"}).assign(pump=1.0))
