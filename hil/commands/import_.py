@@ -180,6 +180,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--robot", default="", metavar="URDF", help="robot; default: of the map")
     parser.add_argument("--tip", default="", metavar="FRAME", help="frame of the measured force")
+    parser.add_argument(
+        "--force-axes",
+        default="",
+        metavar="LINK",
+        help="link in whose axes the measured force is; default: of the map, else the base's axes",
+    )
     parser.add_argument("--arm", default="", metavar="NAME", help="name of the arm (default arm)")
     parser.add_argument(
         "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
@@ -250,6 +256,7 @@ def _bag(args: argparse.Namespace) -> int:
         ("--map", args.map),
         ("--run", args.which),
         ("--unit", args.unit),
+        ("--force-axes", args.force_axes),
         ("--torque-constant", args.torque_constant),
         ("--missing", args.missing),
         ("--propose-map", args.propose_map),
@@ -335,6 +342,7 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         mapping,
         urdf=args.robot,
         tip=args.tip,
+        force_axes=args.force_axes,
         arm=args.arm,
         run=which,
         unit=args.unit,

@@ -77,6 +77,7 @@ def import_table(
     *,
     urdf: str | Path = "",
     tip: str = "",
+    force_axes: str = "",
     arm: str = "",
     run: str = "",
     unit: str = "",
@@ -93,8 +94,9 @@ def import_table(
         Table in one of the formats of `open_table`, or folder of a LeRobot data set.
     mapping : TableMap, optional
         The map; without one the default column names.
-    urdf, tip, unit : str
-        Robot file, frame of the force and unit of the axes; each overrules the map.
+    urdf, tip, force_axes, unit : str
+        Robot file, frame of the force, link in whose axes it is, and unit of the axes; each
+        overrules the map.
     arm : str
         Name of the only arm, or which of several arms to keep.
     run : str
@@ -115,9 +117,13 @@ def import_table(
         If the map names something that is not there.
     """
     given = mapping or TableMap()
-    given = replace(given, tip=tip or given.tip, missing=missing or given.missing)
     given = replace(
-        given, joints=tuple(joints) or given.joints, lock={**given.lock, **(lock or {})}
+        given,
+        tip=tip or given.tip,
+        force_axes=force_axes or given.force_axes,
+        missing=missing or given.missing,
+        joints=tuple(joints) or given.joints,
+        lock={**given.lock, **(lock or {})},
     )
     given = given.within(unit, torque_constant)
     table = open_table(path, given.array, given.columns, run, given.header_row)
@@ -398,7 +404,8 @@ def _of_base(wrench: FloatArray, link: str, fitted: ColumnsRobot, q: FloatArray)
     axes = frame_axes(fitted.robot.urdf, link, names, q) if fitted.robot.urdf else None
     if axes is None:
         raise DataError(
-            f"[robot] force_axes = {link!r}: the robot's description has no such link; give the "
-            "URDF (--robot) and the name of the link that carries the sensor"
+            f"force axes {link!r}: the robot's description has no such link; give the URDF "
+            "(--robot) and the name of the link that carries the sensor (--force-axes, or "
+            "force_axes under [robot] of the map)"
         )
     return in_base_axes(wrench, axes)

@@ -270,6 +270,12 @@ def test_options_of_bags_are_refused_for_tables(tmp_path, capsys):
     assert "--topic" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", [("--unit", "deg"), ("--force-axes", "hand")])
+def test_options_of_tables_are_refused_for_bags(tmp_path, plain, capsys, option):
+    assert main(["import", str(plain), "-o", str(tmp_path / "s.mcap"), *option]) == 2
+    assert f"leave {option[0]} out" in capsys.readouterr().err
+
+
 def test_an_analysis_takes_a_bag(plain, capsys):
     assert main(["compare", str(plain), "--json"]) == 0
     done = capsys.readouterr()

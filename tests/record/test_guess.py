@@ -313,28 +313,27 @@ def test_a_unit_that_was_said_is_not_doubted_afterwards(tmp_path, capsys):
     assert "in degrees?" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("link", "known"), [("tip", True), ("hand", False)])
-def test_a_map_says_in_whose_axes_the_force_is(tmp_path, capsys, link, known):
+@pytest.mark.parametrize(
+    ("of_map", "option", "known"), [("tip", "", True), ("hand", "tip", True), ("hand", "", False)]
+)
+def test_a_map_or_an_option_says_in_whose_axes_the_force_is(
+    tmp_path, capsys, of_map, option, known
+):
     run = plants.serial_arm(3, 1, seconds=4.0)
     (tmp_path / "arm.urdf").write_text(run.robot.urdf)
-    (tmp_path / "m.toml").write_text(f'[robot]\nforce_axes = "{link}"\n')
+    (tmp_path / "m.toml").write_text(f'[robot]\nforce_axes = "{of_map}"\n')
     columns = {"t": run.t}
     for k in range(3):
         columns |= {f"q{k + 1}": run.q[:, k], f"tau{k + 1}": run.tau[:, k]}
     force = np.stack([np.sin(run.t), np.cos(2 * run.t), 0.3 * run.t], axis=1)
     columns |= dict(zip(("fx", "fy", "fz"), force.T, strict=True))
     table = write_csv(tmp_path / "a.csv", columns)
-    words = [
-        "import",
-        str(table),
-        "--map",
-        str(tmp_path / "m.toml"),
-        "-o",
-        str(tmp_path / "s.mcap"),
-    ]
-    code = main([*words, "--robot", str(tmp_path / "arm.urdf")])
+    words = ["import", str(table), "--map", str(tmp_path / "m.toml")]
+    words += ["-o", str(tmp_path / "s.mcap"), "--robot", str(tmp_path / "arm.urdf")]
+    code = main([*words, *(("--force-axes", option) if option else ())])
     if not known:
-        assert code == 2 and "no such link" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert code == 2 and "no such link" in said and "--force-axes" in said
         return
     assert code == 0
     axes = UrdfRobot(run.robot.urdf).tip_axes(run.q)
