@@ -2,11 +2,13 @@
 
 from functools import cache
 
+import numpy as np
 import plants
 import pytest
 
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
+from hil.diagnosis import equivalence
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.verbs import compare, ladder
@@ -104,3 +106,27 @@ def test_held_out_runs_far_above_their_floor_refute_the_model():
 def test_without_held_out_sessions_nothing_is_compared():
     run = plants.two_axes("cogging", 1, "monday")
     assert said(diagnose([run], base_model(run.robot))) == []
+
+
+def test_motions_are_foreseen_once_for_all_that_cannot_be_told_apart(monkeypatch):
+    d, seen, asked = answer("cogging", ""), [], []
+    menu, look = equivalence.choose.menu, equivalence.Planner._look
+
+    def once(question, stage, joint, names):
+        seen.append((joint, names))
+        return menu(question, stage, joint, names)
+
+    def each(self, among, stage):
+        asked.append(among)
+        found = look(self, among, stage)
+        # what another set has foreseen says the same as what is foreseen for this one alone
+        alone = look(equivalence.Planner(self.result, self.evidence), among, stage)
+        for ours, theirs in zip(found[0].grams, alone[0].grams, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        return found
+
+    monkeypatch.setattr(equivalence.choose, "menu", once)
+    monkeypatch.setattr(equivalence.Planner, "_look", each)
+    monkeypatch.setattr(d, "sets", None)
+    assert equivalence.sets_of(d)
+    assert len(asked) > 1 and len(seen) == len(asked) + len(set(seen))

@@ -168,3 +168,22 @@ def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, 
     fits = sizes[rests_at + moves_with * sizes <= HEADROOM]
     assert size == pytest.approx(fits[0] if fits.size else sizes[-1])
     assert len(seen) == 2 or fits.size  # at any size it would be too much: asked of two of them
+
+
+def test_a_motion_beside_the_middle_is_tried_at_every_size_between(monkeypatch):
+    """Where the smallest breaks the torque limit, the largest that keeps it is taken."""
+    _, limits, space = premium()
+    wanted = choose.MENU["fast-strokes"](space, 0, 12.0)
+
+    def effort(motion):
+        size = float(np.ptp(motion.via[:, 0]) / np.ptp(wanted.via[:, 0]))
+        return (0.1 if 0.3 < size < 0.5 else 2.0) * limits.torque[None]
+
+    monkeypatch.setattr(Stage, "foresee", lambda self, motion: motion)
+    monkeypatch.setattr(question, "ready", lambda motion, question: motion)
+    monkeypatch.setattr(question, "efforts", effort)
+    monkeypatch.setattr(question, "_passes_middle", lambda motion, space: False)
+    _, problem, _ = fitted(wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None)
+    sizes = 0.9 ** np.arange(30)
+    found = float(np.ptp(problem.via[:, 0]) / np.ptp(wanted.via[:, 0]))
+    assert found == pytest.approx(sizes[sizes < 0.5][0])
