@@ -172,6 +172,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="session to write; one that was imported from the same table is replaced, any other "
         "session there is kept under another name",
     )
+    _add_meaning(parser)
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="show what would be read, from which columns and in which units; write nothing",
+    )
+    parser.add_argument(
+        "--propose-map",
+        default="",
+        metavar="MAP.toml",
+        help="write a map that is made from the names of the columns, to check and to edit",
+    )
+    common.add_bag(parser)
+    common.add_tags(parser)
+    parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
+
+
+def _add_meaning(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that say what the columns mean."""
     parser.add_argument(
         "--map",
         metavar="MAP.toml",
@@ -213,20 +232,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=("refuse", "drop", "interpolate"),
         help="missing values: refuse them (default), leave their rows out, or fill up to 10 rows",
     )
-    parser.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="show what would be read, from which columns and in which units; write nothing",
-    )
-    parser.add_argument(
-        "--propose-map",
-        default="",
-        metavar="MAP.toml",
-        help="write a map that is made from the names of the columns, to check and to edit",
-    )
-    common.add_bag(parser)
-    common.add_tags(parser)
-    parser.add_argument("--json", action="store_true", help="summary as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -370,7 +370,7 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
 
 
 def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:
-    """All candidates in sets on the same joint, so that the menu is foreseen once for them."""
+    """All candidates in sets on the same joint, so that they share one question and survey."""
     if len(s.among) == 1:
         return s.among
     joint = s.among[0].term.joint

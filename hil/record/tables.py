@@ -243,7 +243,7 @@ def _with_defaults(
     lone = [n for n in table.names if n in OF_A_JOINT and n not in taken]
     if "q" in lone and not any(n.rstrip("0123456789") in OF_A_JOINT for n in out):
         out |= {f"{n}1": given.rule(f"{n}1", n) for n in lone}
-        said.append(f"the columns {', '.join(lone)} are taken as those of the only joint")
+        said.append(f"taken as the columns of the only joint: {', '.join(lone)}")
     timed = [n for n in table.names if time_unit(n) is not None and n not in taken]
     if "t" not in out and not given.rate_hz and len(timed) == 1:
         out["t"] = given.rule("t", timed[0])

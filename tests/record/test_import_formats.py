@@ -193,7 +193,7 @@ def test_columns_of_the_only_joint_need_no_number(tmp_path, frame, capsys):
     table = write_csv(tmp_path / "one.csv", one.assign(i=range(len(one))))
     assert main(["import", str(table), "-o", str(tmp_path / "one.mcap")]) == 0
     said = "".join(capsys.readouterr())
-    assert "the columns q, tau are taken as those of the only joint" in said
+    assert "taken as the columns of the only joint: q, tau" in said
     assert "not used: i" in said
     found = load(tmp_path / "one.mcap")
     assert np.array_equal(found.q[:, 0], frame["q1"]) and found.tau.shape == (len(one), 1)
