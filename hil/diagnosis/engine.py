@@ -67,7 +67,7 @@ from hil.identify.design import by_run
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
-from hil.identify.timing import fit_aligned, late_beside
+from hil.identify.timing import fit_aligned, late_after_all, late_beside
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
@@ -168,7 +168,33 @@ def _diagnosed(
         # once: the model says its steps then
         stated = replace(model, band=replace(model.band, effort_step=steps))
         return _diagnosed(recordings, stated, held, seed, faults)
-    return floored(_concluded(search, model, recordings, faults, doubtful))
+    named = _retimed(search, _named(search))
+    return floored(_concluded(search, named, model, recordings, faults, doubtful))
+
+
+def _named(search: Search) -> list[Named]:
+    """What was found with its rivals, after other forms of it have been tried."""
+    progress.at("compare with rivals", 0.2)
+    search.complete()
+    if search.untimed():
+        search.forward()
+    return exchange(search)
+
+
+def _retimed(search: Search, named: list[Named]) -> list[Named]:
+    """The names of a search, gone on with efforts of another lateness where these leave less."""
+    problem, rungs = search.problem, search.rungs
+    before, settled = problem.alignment, problem.aligned
+    if not search.found or not late_after_all(search.now.result):
+        return named
+    search.retimed()
+    if not search.does_better(rungs[-1]):
+        problem.aligned, search.rungs = settled, rungs
+        problem.align_effort(before)
+        renew(search.now.result)
+        return named
+    search.forward()
+    return _named(search)
 
 
 def _open(search: Search) -> NDArray[np.bool_]:
@@ -197,6 +223,7 @@ def _lightest(out: Diagnosis) -> int:
 
 def _concluded(
     search: Search,
+    named: list[Named],
     model: RobotModel,
     recordings: list[Recording],
     faults: list[DataFault],
@@ -208,13 +235,6 @@ def _concluded(
     Once more, where that may be, if corrections have led the fit out of a local minimum and are not
     needed there.
     """
-    progress.at("compare with rivals", 0.2)
-    if joints := search.rounded():
-        search.forward(joints)
-    if joints := search.reformed(search.found):
-        search.forward(joints)
-    search.untimed()
-    named = exchange(search)
     search.blunted()
     renew(search.now.result)
     progress.at("judge the names", 0.33)
@@ -227,7 +247,8 @@ def _concluded(
     corrected(out, search)
     if again and out.corrected and search.settle(out.corrected):
         # once: a blunter sign may lead the fit back into the minimum that it has left
-        return _concluded(search, model, recordings, faults, doubtful, again=False)
+        named = _named(search)
+        return _concluded(search, named, model, recordings, faults, doubtful, again=False)
     return separate(out, search, named)
 
 

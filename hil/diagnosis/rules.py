@@ -29,6 +29,7 @@ from hil.diagnosis.constants import (
     BEYOND,
     CERTAIN,
     DISCREPANCY,
+    FEW,
     HALF,
     LEVEL,
     LITTLE,
@@ -193,8 +194,9 @@ def _discrepancy(case: RuleCase) -> str:
     """Laws that were named before miss their effects by a share of what they explain.
 
     No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass or a
-    spring: those are laws of posture and acceleration, which dissipate nothing.  Nor is what halves
-    the error, to the noise floor: no other law fits what a law misses so well.
+    spring: those are laws of posture and acceleration, which dissipate nothing, and smooth ones, so
+    that a ripple over the position is none either.  Nor is what halves the error, to the noise
+    floor: no other law fits what a law misses so well.
     """
     r = case.rated
     floor, left = case.evidence.floor, np.zeros(case.search.problem.d)
@@ -203,10 +205,19 @@ def _discrepancy(case: RuleCase) -> str:
     if Trait.CORRECTION in r.candidate.term.effect.traits or alone:
         return ""
     explained = float(case.search.base.errors.power[r.joint]) - r.before
-    if r.candidate.term.effect.family == "friction":
+    if r.candidate.term.effect.family == "friction" or _ripples(case):
         explained -= case.search.of_conservative(r.joint)
     small = r.removed <= DISCREPANCY * max(explained, 0.0)
     return "it may be an inaccuracy of the laws named before" if small else ""
+
+
+def _ripples(case: RuleCase) -> bool:
+    """Whether a candidate is a wave over the position that turns round `FEW` times at least."""
+    t = case.rated.candidate.term
+    if not isinstance(t.effect.search, Waves):
+        return False
+    low, high = case.search.problem.span[t.joint]
+    return bool(2 * t.shape[0] * (high - low) >= FEW)
 
 
 @_candidate("physical")

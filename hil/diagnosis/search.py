@@ -34,14 +34,15 @@ from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.remodel import without
 from hil.diagnosis.residual_tests import changes
-from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
+from hil.diagnosis.types import Candidate, CheckResult, Evidence, Floor, Step, describe
 from hil.identify.context import renew
 from hil.identify.design import replaced
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Alignment, Problem
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.shape_search import expected_sign, rounder
-from hil.identify.slow_motion import LESS, longest_shift
+from hil.identify.slow_motion import LESS
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -141,6 +142,8 @@ class Search:
     first: Evidence | None = None
     last: Evidence | None = None
     _tried: _Tried | None = None
+    #: The noise floor and the errors beside which it was measured.
+    _measured: tuple[Floor, FloatArray] | None = None
 
     @property
     def _moves(self) -> list[int]:
@@ -212,7 +215,7 @@ class Search:
         if not changed:
             terms = [t for t in terms if not t.effect.variation.sudden]
         projector, found = tried(result, terms, projector=projector)
-        floor = measured_floor(found, projector, result) if self.first is None else self.first.floor
+        floor = self._floor(found, projector)
         priced(found, floor, result)
         detect(found, projector, floor, result, self.seed)
         artefacts.mark_smoothers(found, projector)
@@ -221,6 +224,19 @@ class Search:
         order = sorted(range(len(found)), key=lambda k: -_score(rated[k]))
         out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
         return out, [rated[k] for k in order]
+
+    def _floor(self, found: list[Candidate], projector: Projector) -> Floor:
+        """The noise floor; measured again once an error has halved, and no larger then.
+
+        Beside a large error candidates take shapes that explain none of the rest.
+        """
+        result = self.now.result
+        if self.first is None or self._measured is None:
+            self._measured = measured_floor(found, projector, result), result.rms
+        before, rms = self._measured
+        if np.any(result.rms[self._moves] < HALF * rms[self._moves]):
+            self._measured = measured_floor(found, projector, result).below(before), result.rms
+        return self._measured[0]
 
     def pays(self, r: Rated, evidence: Evidence) -> bool:
         """Whether a candidate passes every rule; the first that stops it is kept.
@@ -276,6 +292,13 @@ class Search:
             if self.now is not before:
                 self.reformed(self.now.added)
             self.backward()
+
+    def complete(self) -> None:
+        """Wider signs and other forms, once nothing pays any more, and what then does."""
+        if joints := self.rounded():
+            self.forward(joints)
+        if joints := self.reformed(self.found):
+            self.forward(joints)
 
     def correct(self, joints: Sequence[int]) -> list[Visited]:
         """Add corrections without a name where no effect pays any more; the rungs they give.
@@ -382,12 +405,31 @@ class Search:
         small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
         return sure and not small and not _missed(rung.errors, now, self._moves)
 
+    def does_better(self, other: Visited) -> bool:
+        """Whether the last model foretells more of what was left out than another one does."""
+        now, then = self._shares(self.now), self._shares(other)
+        return bool(np.sum(np.log(np.maximum(now, 1e-300) / np.maximum(then, 1e-300))) < 0.0)
+
+    def _shares(self, rung: Visited) -> FloatArray:
+        """Errors on left-out blocks and runs (2, moving) over the effort as it is aligned now."""
+        size = self.problem.rms(self.problem.effort)[self._moves]
+        return np.stack([x.rms[self._moves] / size for x in (rung.errors, rung.step.heldout)])
+
+    def retimed(self) -> None:
+        """Every model on the way fitted anew, to efforts that are aligned otherwise now."""
+        fresh = [self.rung(r.step.label, r.result.model, r.result.sigma) for r in self.rungs]
+        for old, new in zip(self.rungs, fresh, strict=True):
+            new.added = old.added
+        self.rungs, self._tried = fresh, None
+
     def untimed(self) -> bool:
         """Efforts as they were recorded, where all that was found leaves clearly less with them so.
 
         A lateness within a sample is that of the slow motion, and holds as long as something may
         be missing that looks late.  Friction that sticks at its reversals looks early, and has no
-        law: in the end what foretells the efforts counts.
+        law.  A filter, or a larger lateness, was found beside what the given model lacked.  In the
+        end what foretells the efforts counts, each in its own scale: a filter that is undone makes
+        them larger.
 
         Returns
         -------
@@ -395,29 +437,21 @@ class Search:
             Whether they are taken so now.
         """
         problem, now = self.problem, self.now
-        before = problem.alignment
-        estimated = problem.given_shift is None and not (
-            problem.aligned or before.lag or before.rate
-        )
-        if not estimated or not 0.0 < abs(before.shift) <= longest_shift(problem):
+        before, settled = problem.alignment, problem.aligned
+        given = problem.given_shift is not None or problem.given_lag.lag or problem.given_lag.rate
+        if given or not (before.shift or before.lag or before.rate):
             return False
+        error = self._shares(now)
         problem.align_effort(Alignment())
         problem.aligned = True
         last = self.rung(now.step.label, now.result.model, now.result.sigma)
-        after, error = (
-            np.stack([x.errors.rms, x.step.heldout.rms])[:, self._moves] for x in (last, now)
-        )
-        ratio = after / np.maximum(error, 1e-300)
+        ratio = self._shares(last) / np.maximum(error, 1e-300)
         if np.any(ratio > 1 + WORTH) or np.prod(ratio) ** (1.0 / ratio.size) > 1 - LESS:
-            problem.aligned = False
+            problem.aligned = settled
             problem.align_effort(before)
             renew(now.result)
             return False
-        fresh = [self.rung(r.step.label, r.result.model, r.result.sigma) for r in self.rungs[:-1]]
-        for old, new in zip(self.rungs, [*fresh, last], strict=True):
-            new.added = old.added
-        self.rungs, self._tried = [*fresh, last], None
-        renew(last.result)
+        self.retimed()
         if not self.found:  # its evidence and floor are those of the other alignment
             self.first = None
             self.first, _ = self.evidence(self._moves)

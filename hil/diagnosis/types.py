@@ -5,7 +5,7 @@ Types alone: everything else of the diagnosis lies above.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,11 @@ class Floor:
     def effective(self, problem: Problem) -> FloatArray:
         """Number of independent instants by joint (d,)."""
         return problem.count / self.inflation
+
+    def below(self, other: Floor) -> Floor:
+        """The same with no floor above that of another one."""
+        rms, scale = np.minimum(self.rms, other.rms), np.minimum(self.scale, other.scale)
+        return replace(self, rms=rms, scale=scale)
 
     def exceeded(self, rms: FloatArray, j: int) -> bool:
         """Whether an error (d,) of joint j is above the floor: what is down to it needs no name.

@@ -131,6 +131,34 @@ def _sliding(
     return replace(motion, friction=kept)
 
 
+def half_way(problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]) -> bool:
+    """States of friction and motor efforts half-way to those of a solution; whether they differed.
+
+    Laws that scale a state, or an effort, and those that make it may take turns: where the state is
+    a sign, the solution has bristles, and where it is theirs, a sign.  Between them lies one that
+    is its own.
+    """
+    before = problem.motions
+    update_load(problem, terms, theta, slices)
+    pairs = list(zip(before, problem.motions, strict=True))
+    if not any(_slid(a.friction, b.friction) or a.drive is not b.drive for a, b in pairs):
+        return False
+    problem.motions = [
+        replace(
+            b,
+            friction=tuple(map(_middle, a.friction or (None,) * a.d, b.friction)),
+            drive=b.drive if a.drive.shape != b.drive.shape else 0.5 * (a.drive + b.drive),
+        )
+        for a, b in pairs
+    ]
+    return True
+
+
+def _middle(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
+    """The mean of two states; the second one where one of them is none, or they are the same."""
+    return b if a is None or b is None or a is b else 0.5 * (a + b)
+
+
 def carrying(result: FitResult, problem: Problem) -> list[Motion]:
     """Motions of a problem with the load of a fit, where a term of it asks for the load.
 

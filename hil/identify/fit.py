@@ -40,7 +40,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import FitError
-from hil.identify.context import find_surface, impossible, references, set_context, update_load
+from hil.identify.context import (
+    find_surface,
+    half_way,
+    impossible,
+    references,
+    set_context,
+    update_load,
+)
 from hil.identify.design import Term, bind, by_run, coefficients, prefix
 from hil.identify.predict import identified, predict
 from hil.identify.problem import Problem
@@ -63,6 +70,8 @@ SETTLING = 3
 #: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
 #: from which on they have.
 LOADS, SAME_SCALE = 8, 0.01
+#: Most rounds in which states of friction come to be those of the solution that is made of them.
+STATES = 12
 #: Multiple of a shape value from which its error says only that nothing is known of it.
 OPEN = 10.0
 #: A shape value: number of its term, and which of the term's shape values it is.
@@ -126,6 +135,11 @@ def fit(
     if given:
         terms, sigma = given.or_better(problem, terms, model, sigma)
     terms = gauss_newton(problem, terms, model, sigma)
+    refer = problem.motions[0].friction or any(Trait.LOAD in t.effect.traits for t in terms)
+    for _ in range(STATES if refer else 0):
+        theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
+        if not half_way(problem, terms, theta, slices):
+            break
     return assemble(problem, model, terms, sigma)
 
 

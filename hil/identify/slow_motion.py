@@ -406,13 +406,52 @@ def left_free(result: FitResult, bristles: bool = False) -> FloatArray:
     """
     problem, out = result.problem, []
     for j in np.flatnonzero(~problem.holds).tolist():
-        x = result.x.reshape(problem.d, problem.n, -1)[j]
-        own = x[:, np.any(x != 0, axis=0)]
-        if bristles:
-            more = [block(problem, Term(e, j)) for e in (_Bristles(), _OtherFriction())]
-            own = np.concatenate([own, *more], axis=1)
-        q = scipy.linalg.qr(own, mode="economic")[0]
-        y = problem.y[j]
+        q, y = _own_basis(result, j, bristles), problem.y[j]
         size = max(float(np.linalg.norm(problem.effort[j])), 1e-300)
         out.append(max(float(np.linalg.norm(y - q @ (q.T @ y))) / size, 1e-12))
     return np.array(out)
+
+
+def _own_basis(result: FitResult, j: int, bristles: bool) -> FloatArray:
+    """Orthonormal basis (n, m) of what a model says of joint j, each coefficient its own."""
+    problem = result.problem
+    x = result.x.reshape(problem.d, problem.n, -1)[j]
+    own = x[:, np.any(x != 0, axis=0)]
+    if bristles:
+        more = [block(problem, Term(e, j)) for e in (_Bristles(), _OtherFriction())]
+        own = np.concatenate([own, *more], axis=1)
+    return np.asarray(scipy.linalg.qr(own, mode="economic")[0])
+
+
+def common_lateness(result: FitResult) -> tuple[float, float]:
+    """Delay of all efforts [s] that leaves least over the whole band, and the share that it leaves.
+
+    What each joint's model leaves, all coefficients its own, beside friction that builds up and
+    that is bent over the speed, falls with a delay T that all joints have in common as
+
+        min_T  sum_j log |e_j - T r_j|,   e = P y,  r = P dtau/dt,  P = 1 - Q Q'.
+
+    The share is that of the errors' geometric mean.
+    """
+    problem, errors = result.problem, []
+    moves = np.flatnonzero(~problem.holds).tolist()
+    for j in moves:
+        q = _own_basis(result, j, bristles=True)
+        rows = np.stack([problem.y[j], block(problem, Term(_Rate(), j))[:, 0]], axis=1)
+        rows -= q @ (q.T @ rows)
+        errors.append(rows.T @ rows)
+    inner = np.array(errors)
+    size, cross, rate = inner[:, 0, 0], inner[:, 0, 1], np.maximum(inner[:, 1, 1], 1e-300)
+    least = np.maximum(size, 1e-300)
+
+    def share(late: float) -> float:
+        left = (size - 2 * late * cross + late**2 * rate) / least
+        return float(np.exp(0.5 * np.mean(np.log(np.maximum(left, 1e-12)))))
+
+    # the best one lies between those of single joints
+    alone = cross / rate
+    low, high = float(alone.min()), float(alone.max())
+    if high - low <= 1e-12:
+        return low, share(low)
+    found = scipy.optimize.minimize_scalar(share, bounds=(low, high), method="bounded")
+    return float(found.x), float(found.fun)

@@ -136,6 +136,10 @@ BEYOND_BAND = 1.1
 LOAD_SHARE = 0.25
 #: Frictions behind a play that are tried, in units of the load's standard deviation.
 FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
+#: ... and behind a spring, which may carry little but friction; nearer ones lie by this apart.
+MORE_FRICTIONS, CLOSER = (*FRICTIONS, 0.4, 0.7), 1.25
+#: Tension at which a spring would be four times as stiff, in the same units: beyond any.
+STRAIGHT = 1e4
 #: Tension that takes up half a play, in the same units: next to none.
 HARD = 3e-3
 #: Times in which a flank is relieved that are tried [s], the usual one first.
@@ -171,9 +175,27 @@ RINGS = Limit("resonance", _rings)
 class _Resonance(Effect):
     """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
 
+    shape: ClassVar[tuple[Param, ...]] = (
+        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0, size=True),
+        Param("zeta", "1", "damping ratio", 0.0, 1.0),
+    )
     search = Grid(_resonance_grid, across=_resonance_across, rounds=2)
     limits: ClassVar[tuple[Limit, ...]] = (RINGS, STRICT)
     traits = Trait.REPLAYED | Trait.SMOOTHS
+
+
+def _elastic_transmission_grid(motion: Motion, j: int) -> Shapes:
+    """Resonances and damping ratios, without friction of the link."""
+    return [(f, z, 0.0) for f, z in _resonance_grid(motion, j)]
+
+
+def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Damping ratios, then frictions of the link, one of them changed at a time."""
+    f, zeta, rub = shape
+    size = load_size(motion, j)
+    near = [rub / CLOSER, rub * CLOSER] if rub else []
+    frictions = [0.0, *(r * size for r in MORE_FRICTIONS), *near]
+    return [*((f, z, rub) for z in MORE_ZETAS), *((f, zeta, r) for r in frictions)]
 
 
 def _elastic_transmission_carries(f: Fitted) -> bool:
@@ -196,40 +218,34 @@ class ElasticTransmission(_Resonance):
     name, family = "elastic-transmission", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (T(load) - load) + fl (T(sgn(v - d')) - sgn v),  T = k d + c d',  "
-            "I d'' + T = load,  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+            "tau = a (T - load - fl sgn v),  I d'' + T = load + fl sgn(v - d'),  "
+            "T = k d + c d',  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
         ),
         signature="residual grows with frequency towards a resonance, and rings after reversals",
         confused_with=("vibration-mode", "hardening-cable", "armature"),
         shown_by="fast motion towards the resonance; chirp under load",
         source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
     )
-    params = (
-        Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),
-        Param("fl", "{F}", "Coulomb friction behind the spring", 0.0),
-    )
-    shape = (
-        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0, size=True),
-        Param("zeta", "1", "damping ratio", 0.0, 1.0),
-    )
+    params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
+    shape = (*_Resonance.shape, Param("fl", "{F}", "Coulomb friction behind the spring", 0.0))
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
+    search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=2)
     scope = Scope(Of.JOINTS, sought_alone=True)
     limits = (Limit("share", _elastic_transmission_carries), RINGS, STRICT)
     traits = Trait.LOAD | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """[T(load) - load, T(sgn(v - d')) - sgn v] on joint j, what that does to others."""
-        load = carried(motion, j)
+        """What passes the spring, less the load, and what that does to others."""
         k, c, inertia = spring(motion, j, shape)
+        if rub := float(shape[2]):
+            # a spring that no load makes stiffer
+            tension = STRAIGHT * load_size(motion, j)
+            return passing(motion, j, (tension / k, tension), c / k, rub)
+        load = carried(motion, j)
         passed, rate = sprung(load, inertia, motion.dt, k, c)
-        side = np.tanh((motion.qd[:, j] - rate) / motion.resolution[j])
-        rung, more = sprung(side, inertia, motion.dt, k, c)
-        out = np.empty((motion.n, motion.d, 2))
-        out[:, :, 0] = felt(motion, j, (passed - c * rate) / k, (load - passed) / inertia)
-        out[:, :, 1] = felt(motion, j, (rung - c * more) / k, (side - rung) / inertia)
-        # the sign of the motor's speed, whatever its own friction's state
-        out[:, j, 0], out[:, j, 1] = passed - load, rung - motion.sign(j, float(motion.v0[j]))
-        return out
+        out = felt(motion, j, (passed - c * rate) / k, (load - passed) / inertia)
+        out[:, j] = passed - load
+        return out[:, :, None]
 
 
 def _backlash_grid(motion: Motion, j: int) -> Shapes:
@@ -312,7 +328,6 @@ class VibrationMode(_Resonance):
         source="Preumont, Vibration Control of Active Structures, 2011, 2.2",
     )
     params = (Param("m", "{F} s^2/{x}", "inertia of the mode at this joint", 0.0),)
-    shape = ElasticTransmission.shape
     relations = Relations(twins=(Twin("elastic-transmission", _free),), causes=("resonance",))
     limits = (Limit("damped", _vibration_mode_swings), RINGS, STRICT)
     traits = Trait.MOTION | _Resonance.traits
