@@ -158,7 +158,7 @@ def _bristle(v: np.ndarray, level: np.ndarray, dt: float) -> np.ndarray:
 
 
 @numba.njit(cache=True)
-def _stuck(q: np.ndarray, width: float) -> np.ndarray:
+def stuck(q: np.ndarray, width: float) -> np.ndarray:
     """Deflection of an element that sticks within +-width."""
     z, out = 0.0, np.zeros(q.size)
     for k in range(1, q.size):
@@ -176,7 +176,7 @@ def loops(q, v, dt):
     """Coulomb and Stribeck friction, and five elements that stick and slip."""
     out = (0.2 * SCREW_FC + _stribeck(v)) * np.tanh(v / 2e-3)
     for width in np.array([1.5, 3.0, 5.0, 8.0, 15.0]) * 1e-3:
-        out += 0.16 * SCREW_FC * _stuck(q, width) / width
+        out += 0.16 * SCREW_FC * stuck(q, width) / width
     return out
 
 
@@ -616,6 +616,7 @@ def _driven(
     harden: float,
     mode: float,
     mode_hz: float,
+    rub: float,
 ) -> np.ndarray:
     """Motor angle and command (n, 2) under PD control of the motor's side."""
     dt = 1 / (_FAST * _FINE)
@@ -654,7 +655,8 @@ def _driven(
             touch = 1.0 if twist != 0.0 else 0.0
             force = stiff * twist * (1 + harden * abs(stiff * twist)) + damp * (v - w) * touch
             v += dt * (drive - drag - ring - force) / MOTOR
-            w += dt * (force - gravity * np.sin(p) - 0.01 * w) / LINK
+            dry = 0.01 * w + rub * np.tanh(w / 0.002)
+            w += dt * (force - gravity * np.sin(p) - dry) / LINK
             q += dt * v
             p += dt * w
     return out
@@ -673,7 +675,7 @@ def transmission(
     t = np.arange(int(seconds * _FAST)) / _FAST
     goal = np.sin(np.outer(t, omega) + phase) @ size
     speed = np.cos(np.outer(t, omega) + phase) @ (size * omega)
-    names = ("frequency", "zeta", "width", "lag", "ripple", "harden", "mode", "mode_hz")
+    names = ("frequency", "zeta", "width", "lag", "ripple", "harden", "mode", "mode_hz", "rub")
     values = {"zeta": 0.05, "mode_hz": 9.0, **what}
     out = _driven(goal, speed, gravity, *(float(values.get(n, 0.0)) for n in names))
     out += rng.normal(size=out.shape) * [2e-6, 0.01]

@@ -141,7 +141,7 @@ def half_way(problem: Problem, terms: list[Term], theta: FloatArray, slices: lis
     before = problem.motions
     update_load(problem, terms, theta, slices)
     pairs = list(zip(before, problem.motions, strict=True))
-    if not any(_slid(a.friction, b.friction) or a.drive is not b.drive for a, b in pairs):
+    if not any(_slid(a.friction, b.friction) for a, b in pairs):
         return False
     problem.motions = [
         replace(

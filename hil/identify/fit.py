@@ -135,8 +135,7 @@ def fit(
     if given:
         terms, sigma = given.or_better(problem, terms, model, sigma)
     terms = gauss_newton(problem, terms, model, sigma)
-    refer = problem.motions[0].friction or any(Trait.LOAD in t.effect.traits for t in terms)
-    for _ in range(STATES if refer else 0):
+    for _ in range(STATES if _scaled_states(problem, terms) else 0):
         theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
         if not half_way(problem, terms, theta, slices):
             break
@@ -198,6 +197,13 @@ def _load_settled(
         if np.max(np.abs(np.log(sigma / before))) < SAME_SCALE:
             break
     return sigma
+
+
+def _scaled_states(problem: Problem, terms: list[Term]) -> bool:
+    """Whether a joint has a state of friction of its own, and a law that scales it by the load."""
+    states = problem.motions[0].friction
+    scaling = [t for t in terms if Trait.LOAD in t.effect.traits and t.effect.family == "friction"]
+    return bool(states) and any(states[t.joint] is not None for t in scaling)
 
 
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:

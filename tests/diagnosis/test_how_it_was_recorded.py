@@ -10,7 +10,12 @@ import scipy
 
 import hil
 from hil.cli import main
+from hil.diagnosis.engine import _begun
+from hil.diagnosis.folds import split
+from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
+from hil.identify.fit import fit
+from hil.identify.problem import Alignment, Problem
 from hil.identify.readings import lateness
 from hil.models.files import read_model, write_model
 from hil.models.urdf import UrdfRobot
@@ -68,6 +73,39 @@ def test_late_efforts_are_found_beside_a_large_effect_that_was_missing():
     assert d.findings[0].parameters["j1.unbalance.gs"].value == pytest.approx(3.0, rel=0.01)
     assert any(code == "recorded-late" for code, _ in d.warnings)
     assert d.ladder[-1].heldout.relative[0] < 1.0 < d.ladder[0].heldout.relative[0] / 10
+
+
+def _machine(seed, late):
+    """An axis with a weight, a detent wave and Stribeck friction, efforts `late` samples late."""
+
+    def extra(t, q, v, a):
+        peak = 0.15 * np.sign(v) * np.exp(-np.abs(v) / 0.3)
+        return 6.0 * np.sin(q) + 0.2 * np.sin(9.0 * q) + peak
+
+    run = plants.smooth_axis(seed, seconds=20.0, rate=250.0, extra=extra)
+    return replace(run, t=run.t[:-late], q=run.q[late:], tau=run.tau[:-late])
+
+
+def test_a_lateness_of_two_samples_is_found_beside_all_that_was_missing():
+    runs = [_machine(seed, 2) for seed in (1, 2)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    assert {f.effect for f in d.findings} == {"unbalance", "cogging", "stribeck"}
+    assert d.ladder[-1].result.problem.shift == pytest.approx(-0.008, abs=0.001)
+    assert d.ladder[-1].heldout.relative[0] < 0.5
+
+
+@pytest.mark.parametrize("wrong", [Alignment(0.003), Alignment(lag=0.02), Alignment(-0.01, 0.01)])
+def test_a_lateness_that_is_none_is_given_up_in_the_end(wrong):
+    """It was found beside what the given model lacked, and foretells less than none."""
+    run = _axis(1)
+    problem = Problem([run], run.robot)
+    problem.align_effort(wrong)
+    problem.aligned = True
+    result = fit(problem, hil.base_model(run.robot))
+    search = _begun(result, split(problem), Examiner(problem, []), 0)
+    assert search.untimed() and problem.alignment == Alignment()
+    assert search.now.result.relative[0] < 0.5 * result.relative[0]
+    assert not search.untimed()
 
 
 def test_a_spring_that_engages_within_the_range_has_its_name_and_place():

@@ -270,3 +270,18 @@ def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped
     assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
     one.rated.after = 0.04**2  # a quarter, at its floor: no law fits so what another one misses
     assert not rules.CANDIDATE["discrepancy"](one)
+
+
+@pytest.mark.parametrize(("periods", "masses", "stopped"), [(6.0, 1.0, False), (2.0, 1.0, True)])
+def test_a_ripple_is_no_inaccuracy_of_a_mass(periods: float, masses: float, stopped: bool) -> None:
+    """Laws of posture are smooth: what turns round ten times over the range is another one."""
+    one = case("cogging")
+    one.rated.before, one.rated.removed, one.rated.after = 0.02, 0.01, 0.01
+    one.rated.candidate.term.shape = (periods / 3.0,)
+    one.search = SimpleNamespace(
+        base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
+        of_conservative=lambda j: masses,
+        problem=SimpleNamespace(d=1, span=np.array([[-1.0, 2.0]])),
+    )
+    one.evidence = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: True))
+    assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped

@@ -51,6 +51,19 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     assert first.parameters[f"j1.{first.effect}.f"].value == pytest.approx(resonance, rel=0.1)
 
 
+@pytest.mark.parametrize("rub", [0.1, pytest.param(0.2, marks=pytest.mark.slow)])
+def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode(rub: float) -> None:
+    """Its friction is what a mode has not, and sticks at reversals: no sum of linear springs."""
+    runs = [plants.transmission(seed, frequency=12.0, rub=rub) for seed in (2, 3)]
+    d = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+    assert [(f.effect, f.rivals) for f in d.findings] == [("elastic-transmission", [])]
+    found = {n.split(".")[-1]: v.value for n, v in d.findings[0].parameters.items()}
+    assert found["f"] == pytest.approx(12.0, rel=0.02)
+    assert found["a"] * found["fl"] == pytest.approx(rub, rel=0.3)
+    first, last = (d.ladder[k].heldout.relative[0] for k in (0, -1))
+    assert last < 0.25 * first
+
+
 def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
     run = plants.transmission(2, mode=0.01)
     d = diagnose([run], base_model(run.robot))
