@@ -38,8 +38,10 @@ BEYOND = 1.5
 #: little on one joint, and stops that are met five times are lost.
 RISEN = 1.0
 #: Events, e.g. reversals or blocks beside one for each coefficient, below which one odd one
-#: decides, and the highest multiple of an order that is told.  Half: offsets of short runs get
-#: names, and fewer words on what a motion has not shown; double: short recordings get no names.
+#: decides, and the highest multiple of an order that is told; turns of a wave over the range from
+#: which it is no inaccuracy of a smooth law.  Half: offsets of short runs get names, and fewer
+#: words on what a motion has not shown; double: short recordings get no names, and ripples beside a
+#: large weight none.
 FEW = 10
 
 # --------------------------------------------------------------------- what is worth a name
@@ -86,8 +88,9 @@ OPEN = 0.3
 WHOLE = 1 - OPEN
 #: Even odds: share from which a name is worth something, confidence from which one without rivals
 #: stands, share of a named effect's effort that a correction may take, error over that of a law in
-#: its place from which that is no rival.  Half: shadows get names;
-#: double: no name stands that does not explain everything.
+#: its place from which that is no rival, and over that beside which a floor was measured from which
+#: it is measured again.  Half: shadows get names, and floors beside a large error stay; double: no
+#: name stands that does not explain everything, and every model has a floor of its own.
 HALF = 0.5
 #: Share of what a name does by which a free function in its place must surely do better, so that
 #: the name does not stand; and spread of times, relative to their mean, within which they are one.

@@ -48,7 +48,7 @@ LATEST = 0.1
 MOST_SHIFTS = 25
 #: Share by which the error must fall where efforts are taken earlier by more than a sample, or a
 #: filter is undone, and by which that of one joint may rise; by which the last model's must fall
-#: where a shift within a sample is given up.
+#: where another lateness, or none, is taken in the end.
 LESS = 0.1
 
 

@@ -187,8 +187,8 @@ def late_after_all(result: FitResult) -> bool:
 
     What the given model lacks may hide a lateness of a sample or two; what leaves a tenth less over
     the whole band, beside free laws of friction that look late, is how the recording was made.
-    Leaves the problem aligned for good if so, and the model to be sought again; else everything as
-    it was.
+    Leaves the problem aligned for good if so, with other models of it to be fitted anew; else
+    everything as it was.
     """
     problem = result.problem
     before, settled, error = problem.alignment, problem.aligned, result.relative
