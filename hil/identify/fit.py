@@ -133,13 +133,9 @@ def fit(
     if any(Trait.LOAD in t.effect.traits for t in terms):
         sigma = _load_settled(problem, terms, model, sigma)
     if given:
+        _own_states(problem, terms, model, sigma)
         terms, sigma = given.or_better(problem, terms, model, sigma)
-    terms = gauss_newton(problem, terms, model, sigma)
-    for _ in range(STATES if _scaled_states(problem, terms) else 0):
-        theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
-        if not half_way(problem, terms, theta, slices):
-            break
-    return assemble(problem, model, terms, sigma)
+    return assemble(problem, model, _polished(problem, terms, model, sigma), sigma)
 
 
 @dataclass(frozen=True)
@@ -197,6 +193,37 @@ def _load_settled(
         if np.max(np.abs(np.log(sigma / before))) < SAME_SCALE:
             break
     return sigma
+
+
+def _polished(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> list[Term]:
+    """Terms at the joint optimum; as they were where they leave less with states of their own.
+
+    The steps to the optimum take the states that laws scale as they are.
+    """
+    if not _scaled_states(problem, terms):
+        return gauss_newton(problem, terms, model, sigma)
+    _own_states(problem, terms, model, sigma)
+    motions, before = problem.motions, problem.rms(solve(problem, terms, model, sigma)[-1])
+    moved = gauss_newton(problem, terms, model, sigma)
+    _own_states(problem, moved, model, sigma)
+    after = problem.rms(solve(problem, moved, model, sigma)[-1])
+    ratio = np.maximum(after, 1e-300) / np.maximum(before, 1e-300)
+    if float(np.sum(np.log(ratio[~problem.holds]))) <= 0.0:
+        return moved
+    problem.motions = motions
+    set_context(problem, terms)
+    problem.set_context()  # what was made beside the other states is forgotten
+    return terms
+
+
+def _own_states(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray) -> None:
+    """Give the problem the states of friction that are those of the solution made of them."""
+    for _ in range(STATES if _scaled_states(problem, terms) else 0):
+        theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
+        if not half_way(problem, terms, theta, slices):
+            break
 
 
 def _scaled_states(problem: Problem, terms: list[Term]) -> bool:

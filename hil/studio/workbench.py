@@ -322,8 +322,9 @@ class Workbench:
         if before is None or before.noise.shape != held.rms.shape:
             return
         kept = [self._rung(k) for k in range(self.at + 1)]
+        floor = np.minimum(before.noise, held.rms)  # what a model reaches is no noise
         look: dict[str, Any] = {
-            "ladder": [*kept, {"label": rung.label, "joints": _errors(held, before.noise)}]
+            "ladder": [*kept, {"label": rung.label, "joints": _errors(held, floor)}]
         }
         self.early(look)
         curves = _series(result, before.evidence.floor.rms)
