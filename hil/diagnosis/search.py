@@ -420,7 +420,8 @@ class Search:
         fresh = [self.rung(r.step.label, r.result.model, r.result.sigma) for r in self.rungs]
         for old, new in zip(self.rungs, fresh, strict=True):
             new.added = old.added
-        self.rungs, self._tried = fresh, None
+        # the noise floor is that of the other alignment
+        self.rungs, self._tried, self._measured = fresh, None, None
 
     def untimed(self) -> bool:
         """Efforts as they were recorded, where all that was found leaves clearly less with them so.

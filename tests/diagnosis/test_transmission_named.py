@@ -51,8 +51,9 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     assert first.parameters[f"j1.{first.effect}.f"].value == pytest.approx(resonance, rel=0.1)
 
 
-def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode(rub: float = 0.1) -> None:
+def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode() -> None:
     """Its friction is what a mode has not, and sticks at reversals: no sum of linear springs."""
+    rub = 0.1
     runs = [plants.transmission(seed, frequency=12.0, rub=rub) for seed in (2, 3)]
     d = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
     assert [(f.effect, f.rivals) for f in d.findings] == [("elastic-transmission", [])]
