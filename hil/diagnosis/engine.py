@@ -20,14 +20,11 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis.artefacts import converter
-from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
     ADEQUATE,
-    BEYOND,
     CONFIDENT,
     HALF,
     NEAR_FLOOR,
-    OPEN,
     RIVAL,
     SURE,
     WHOLE,
@@ -35,11 +32,11 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
-from hil.diagnosis.grams import GramTable, Group
 from hil.diagnosis.heldout import Examiner, settled, within_errors
 from hil.diagnosis.naming import Named, exchange, separated, shares
-from hil.diagnosis.preconditions import mistaken, touched, undetermined
-from hil.diagnosis.search import Search, Visited
+from hil.diagnosis.preconditions import doubts, mistaken, touched, undetermined
+from hil.diagnosis.remodel import Visited
+from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -67,11 +64,10 @@ from hil.identify.design import by_run
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
-from hil.identify.timing import fit_aligned, late_after_all, late_beside
+from hil.identify.timing import fit_aligned, late_beside
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
-from hil.models.parts import TELLING_PUSH
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
@@ -168,7 +164,10 @@ def _diagnosed(
         # once: the model says its steps then
         stated = replace(model, band=replace(model.band, effort_step=steps))
         return _diagnosed(recordings, stated, held, seed, faults)
-    named = _retimed(search, _named(search))
+    named = _named(search)
+    if search.retimed():
+        search.forward()
+        named = _named(search)
     return floored(_concluded(search, named, model, recordings, faults, doubtful))
 
 
@@ -179,22 +178,6 @@ def _named(search: Search) -> list[Named]:
     if search.untimed():
         search.forward()
     return exchange(search)
-
-
-def _retimed(search: Search, named: list[Named]) -> list[Named]:
-    """The names of a search, gone on with efforts of another lateness where these leave less."""
-    problem, rungs = search.problem, search.rungs
-    before, settled = problem.alignment, problem.aligned
-    if not search.found or not late_after_all(search.now.result):
-        return named
-    search.retimed()
-    if not search.does_better(rungs[-1]):
-        problem.aligned, search.rungs = settled, rungs
-        problem.align_effort(before)
-        renew(search.now.result)
-        return named
-    search.forward()
-    return _named(search)
 
 
 def _open(search: Search) -> NDArray[np.bool_]:
@@ -615,88 +598,3 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
         return 1.0
     share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
     return float(share + SURE * se)
-
-
-def gains(result: FitResult, split: Split) -> dict[int, float]:
-    """Gain g of the external effort on the joints whose held-out error falls with it.
-
-    Parameters
-    ----------
-    result : FitResult
-        Of the given model.
-    split : Split
-        Blocks to judge on.
-    """
-    problem = result.problem
-    if result.model.explains != "motor":
-        return {}
-    columns = {
-        j: problem.gated([m.tau_ext[:, j : j + 1] for m in problem.motions], j)
-        for j in range(problem.d)
-        if _pushed(problem, j)
-    }
-    free = np.array([np.inf])
-    groups = [Group(("external", j), j, x, -free, free, np.zeros(1)) for j, x in columns.items()]
-    if not groups:
-        return {}
-    base = model_groups(result)
-    table = GramTable(problem, split, result.sigma, [*base, *groups])
-    keys = [g.key for g in base]
-    before, out = table.errors(keys), {}
-    for g in groups:
-        j = int(g.joint or 0)
-        after = table.errors([*keys, g.key])
-        fall = before.squared[:, j] - after.squared[:, j]
-        if after.power[j] < WHOLE * before.power[j] and paired(fall) > BEYOND:
-            out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
-    return out
-
-
-def _pushed(problem: Problem, j: int) -> bool:
-    """Whether an external effort is more than a sensor's noise beside the motor's: else no gain.
-
-    Noise in a regressor draws its coefficient to zero, which would look like a wrong ratio.
-    """
-    push, own = (
-        float(np.sqrt(np.mean(np.concatenate([x[:, j] for x in each]) ** 2)))
-        for each in ([m.tau_ext for m in problem.motions], [m.tau for m in problem.motions])
-    )
-    return push > TELLING_PUSH * own
-
-
-_TURN = "with the other sign the model fits. Set scale = -1 for fx, fy and fz in a map file"
-
-
-def _one_sensor(problem: Problem) -> bool:
-    """Whether all external efforts are those of a force at the tip."""
-    return all(r.wrench is not None and r.tau_ext is None for r in problem.recordings)
-
-
-def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Faults and warnings (code, sentence): wrong signs, and ratios to confirm."""
-    faults, warnings = [], []
-    found = gains(result, split)
-    wrong = [g for g in found.values() if abs(g + 1) < OPEN]
-    if len(wrong) > 1 and len(wrong) == len(found) and _one_sensor(result.problem):
-        return [("external-sign", f"the measured force has the wrong sign: {_TURN}")], []
-    for j, g in found.items():
-        joint, column = result.problem.joints[j], f"tauext{j + 1}"
-        if abs(g + 1) < OPEN:
-            faults.append(
-                (
-                    "external-sign",
-                    f"the external effort of {joint} has the wrong sign: with the other sign "
-                    f"the model fits. Set scale = -1 for {column} (or fx, fy, fz) in a map file",
-                )
-            )
-        elif abs(g - 1) > OPEN:
-            warnings.append(
-                (
-                    "external-ratio",
-                    f"the external effort of {joint} fits best at {g:.3g} times its values. "
-                    "Check the ratio, the unit and the place of the sensor, then set this scale "
-                    "for "
-                    f"{column} in a map file",
-                )
-            )
-    return faults, warnings

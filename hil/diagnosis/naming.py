@@ -45,8 +45,8 @@ from hil.diagnosis.evidence import (
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
-from hil.diagnosis.remodel import without
-from hil.diagnosis.search import Search, Visited
+from hil.diagnosis.remodel import Visited, without
+from hil.diagnosis.search import Search
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
 from hil.identify.design import Term, replaced

@@ -1,4 +1,4 @@
-"""When nothing can be concluded: wrong columns, too little motion, another robot.
+"""When nothing can be concluded: wrong columns, too little motion, another robot, wrong forces.
 
 Effort columns may have the wrong sign or be swapped: a model that cannot follow its own recording
 at all is fitted again to the same recording with an effort turned round, or with two of them
@@ -25,7 +25,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.diagnosis.candidates import model_groups, paired
 from hil.diagnosis.constants import (
+    BEYOND,
     CERTAIN,
     DISAGREEMENT,
     HALF,
@@ -35,7 +37,10 @@ from hil.diagnosis.constants import (
     SHORTEST,
     SURE,
     TENTH,
+    WHOLE,
 )
+from hil.diagnosis.folds import Split
+from hil.diagnosis.grams import GramTable, Group
 from hil.errors import plural
 from hil.identify.design import head
 from hil.identify.fit import fit
@@ -46,6 +51,7 @@ from hil.identify.solve import factors
 from hil.models.contact import penetration
 from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel
+from hil.models.parts import TELLING_PUSH
 from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
@@ -506,3 +512,91 @@ def touched(result: FitResult, heldout: FloatArray) -> bool:
     return not _other_gravity(every) and any(
         _upwards(w) and heldout[w.joint] / 100 > TENTH for w in every
     )
+
+
+# ------------------------------------------------------------ external effort
+
+
+def gains(result: FitResult, split: Split) -> dict[int, float]:
+    """Gain g of the external effort on the joints whose held-out error falls with it.
+
+    Parameters
+    ----------
+    result : FitResult
+        Of the given model.
+    split : Split
+        Blocks to judge on.
+    """
+    problem = result.problem
+    if result.model.explains != "motor":
+        return {}
+    columns = {
+        j: problem.gated([m.tau_ext[:, j : j + 1] for m in problem.motions], j)
+        for j in range(problem.d)
+        if _pushed(problem, j)
+    }
+    free = np.array([np.inf])
+    groups = [Group(("external", j), j, x, -free, free, np.zeros(1)) for j, x in columns.items()]
+    if not groups:
+        return {}
+    base = model_groups(result)
+    table = GramTable(problem, split, result.sigma, [*base, *groups])
+    keys = [g.key for g in base]
+    before, out = table.errors(keys), {}
+    for g in groups:
+        j = int(g.joint or 0)
+        after = table.errors([*keys, g.key])
+        fall = before.squared[:, j] - after.squared[:, j]
+        if after.power[j] < WHOLE * before.power[j] and paired(fall) > BEYOND:
+            out[j] = 1.0 - float(table.coefficients([*keys, g.key])[g.key][0])
+    return out
+
+
+def _pushed(problem: Problem, j: int) -> bool:
+    """Whether an external effort is more than a sensor's noise beside the motor's: else no gain.
+
+    Noise in a regressor draws its coefficient to zero, which would look like a wrong ratio.
+    """
+    push, own = (
+        float(np.sqrt(np.mean(np.concatenate([x[:, j] for x in each]) ** 2)))
+        for each in ([m.tau_ext for m in problem.motions], [m.tau for m in problem.motions])
+    )
+    return push > TELLING_PUSH * own
+
+
+_TURN = "with the other sign the model fits. Set scale = -1 for fx, fy and fz in a map file"
+
+
+def _one_sensor(problem: Problem) -> bool:
+    """Whether all external efforts are those of a force at the tip."""
+    return all(r.wrench is not None and r.tau_ext is None for r in problem.recordings)
+
+
+def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Faults and warnings (code, sentence): wrong signs, and ratios to confirm."""
+    faults, warnings = [], []
+    found = gains(result, split)
+    wrong = [g for g in found.values() if abs(g + 1) < OPEN]
+    if len(wrong) > 1 and len(wrong) == len(found) and _one_sensor(result.problem):
+        return [("external-sign", f"the measured force has the wrong sign: {_TURN}")], []
+    for j, g in found.items():
+        joint, column = result.problem.joints[j], f"tauext{j + 1}"
+        if abs(g + 1) < OPEN:
+            faults.append(
+                (
+                    "external-sign",
+                    f"the external effort of {joint} has the wrong sign: with the other sign "
+                    f"the model fits. Set scale = -1 for {column} (or fx, fy, fz) in a map file",
+                )
+            )
+        elif abs(g - 1) > OPEN:
+            warnings.append(
+                (
+                    "external-ratio",
+                    f"the external effort of {joint} fits best at {g:.3g} times its values. "
+                    "Check the ratio, the unit and the place of the sensor, then set this scale "
+                    "for "
+                    f"{column} in a map file",
+                )
+            )
+    return faults, warnings

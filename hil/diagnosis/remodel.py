@@ -1,22 +1,41 @@
-"""A fitted model made into another one: an effect less, another form, values or shapes that stay.
+"""The models on the way of a search: fitted, judged, and made into other ones.
 
-Nothing is fitted here; the search fits what comes out and judges it.
+Each is judged on blocks that it was not fitted to, and on held-out runs.  Another one has an effect
+less, another form of one, or values and shapes that stay; and every effect of the catalogue may be
+added, which is the evidence beside it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.diagnosis import artefacts
 from hil.diagnosis.attribution import as_use
-from hil.diagnosis.types import Candidate
+from hil.diagnosis.candidates import Rated, model_groups, rate, tried
+from hil.diagnosis.constants import HALF, WORTH
+from hil.diagnosis.evidence import EFFECT, detect, measured_floor, priced, terms_to_try
+from hil.diagnosis.folds import Split
+from hil.diagnosis.grams import BlockErrors, GramTable
+from hil.diagnosis.heldout import Examiner, of_blocks
+from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.types import Candidate, Evidence, Floor, Step
 from hil.identify.context import renew
 from hil.identify.design import Term, prefix
+from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.shape_search import together
+from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Use
+
+FloatArray = NDArray[np.float64]
 
 
 def without(model: RobotModel, c: Candidate, problem: Problem) -> RobotModel:
@@ -104,3 +123,185 @@ def freed(result: FitResult, named: FitResult) -> FitResult:
     effects = tuple(own.get(_place(u), u) for u in result.model.effects)
     model = replace(result.model, effects=effects)
     return replace(result, model=model, values={**result.values, **named.values})
+
+
+# ------------------------------------------------------------ on the way
+
+
+@dataclass
+class Visited:
+    """A model on the way, with its errors on the fitted runs' folds and on held-out runs."""
+
+    step: Step
+    errors: BlockErrors
+    added: tuple[Candidate, ...] = ()
+    #: Its simulated error, once it was asked for.
+    simulated: MultiStep | None = None
+
+    @property
+    def result(self) -> FitResult:
+        """Its fit."""
+        return self.step.result
+
+    @property
+    def keys(self) -> set[tuple[str, int]]:
+        """Effects that were added with it, by name and joint."""
+        return {c.term.key for c in self.added}
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Evidence that was gathered last, and beside which model."""
+
+    rung: Visited
+    kind: str
+    joints: tuple[int, ...]
+    first: Evidence | None
+    evidence: Evidence
+    rated: list[Rated]
+
+    def serves(
+        self, rung: Visited, kind: str, joints: Sequence[int], first: Evidence | None
+    ) -> bool:
+        """Whether it holds what is asked for; floors of the first evidence are kept."""
+        same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
+        return same and (first is self.first or first is self.evidence)
+
+    def of(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
+        """What belongs to some joints, or to the whole robot."""
+        if set(joints) == set(self.joints):
+            return self.evidence, self.rated
+        some = [
+            r for r in self.rated if r.joint in joints or r.candidate.term.effect.scope.of_robot
+        ]
+        return replace(self.evidence, candidates=[r.candidate for r in some]), some
+
+
+@dataclass
+class Models:
+    """The models on the way of a search, from the given one to the last, and what may be added.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fitted runs.
+    split : Split
+        Their blocks and folds.
+    examine : Examiner
+        Held-out runs, if there are any.
+    seed : int
+        Of the sign flips.
+    """
+
+    problem: Problem
+    split: Split
+    examine: Examiner
+    seed: int = 0
+    rungs: list[Visited] = field(default_factory=list)
+    #: The rung that names are judged against: the first one, unless the geometry was missing.
+    start: int = 0
+    #: Evidence beside the first model.
+    first: Evidence | None = None
+    _tried: _Tried | None = None
+    #: The noise floor and the errors beside which it was measured.
+    _measured: tuple[Floor, FloatArray] | None = None
+
+    @property
+    def moves(self) -> list[int]:
+        """Joints that move."""
+        return np.flatnonzero(~self.problem.holds).tolist()
+
+    @property
+    def now(self) -> Visited:
+        """The last model."""
+        return self.rungs[-1]
+
+    @property
+    def base(self) -> Visited:
+        """The model that names are judged against."""
+        return self.rungs[self.start]
+
+    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Visited:
+        """Fit a model and judge it."""
+        result = fit_aligned(self.problem, model, scale)
+        return self.judged(label, result)
+
+    def judged(self, label: str, result: FitResult) -> Visited:
+        """A fit with its errors."""
+        groups = model_groups(result)
+        table = GramTable(self.problem, self.split, result.sigma, groups)
+        keys = [g.key for g in groups]
+        errors = table.errors(keys)
+        if self.examine.kind == "holdout":
+            heldout = self.examine(result)
+        else:
+            heldout = of_blocks(table.left_out(keys), self.problem, self.split)
+        return Visited(Step(label, result, heldout), errors)
+
+    def parted(self, result: FitResult, dealt: Split) -> FloatArray:
+        """Squared errors (folds, d) on each fold of a dealing, fitted to the others."""
+        renew(result)  # columns may depend on what another fit has found since
+        groups = model_groups(result)
+        errors = GramTable(self.problem, dealt, result.sigma, groups).errors(
+            [g.key for g in groups]
+        )
+        out = np.zeros((dealt.folds, self.problem.d))
+        np.add.at(out, dealt.fold, errors.squared)
+        return out
+
+    def simulated(self, rung: Visited) -> MultiStep:
+        """The simulated error of a rung on the fitted runs."""
+        if rung.simulated is None:
+            renew(rung.result)
+            rung.simulated = both(rung.result, self.problem)
+        return rung.simulated
+
+    # ------------------------------------------------------------------ evidence
+
+    def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
+        """All candidates of a kind on some joints beside the present model, or of these."""
+        known = self._tried
+        if known is not None and known.serves(self.now, kind, joints, self.first):
+            return known.of(joints)
+        with self.problem.aside():
+            out, rated = self._evidence(joints, kind)
+        self._tried = _Tried(self.now, kind, tuple(joints), self.first, out, rated)
+        return out, rated
+
+    def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
+        result = self.now.result
+        terms, impossible = terms_to_try(result, joints, kind=kind)
+        projector, _ = tried(result, [])
+        changed = changes(result, projector)
+        if not changed:
+            terms = [t for t in terms if not t.effect.variation.sudden]
+        projector, found = tried(result, terms, projector=projector)
+        floor = self._floor(found, projector)
+        priced(found, floor, result)
+        detect(found, projector, floor, result, self.seed)
+        artefacts.mark_smoothers(found, projector)
+        artefacts.mark_blurred(found, result, projector)
+        rated = rate(result, self.split, found)
+        order = sorted(
+            range(len(found)), key=lambda k: -rated[k].removed / max(rated[k].before, 1e-300)
+        )
+        out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
+        return out, [rated[k] for k in order]
+
+    def _floor(self, found: list[Candidate], projector: Projector) -> Floor:
+        """The noise floor; measured again once an error has halved, and no larger then.
+
+        Beside a large error candidates take shapes that explain none of the rest.
+        """
+        result = self.now.result
+        if self.first is None or self._measured is None:
+            self._measured = measured_floor(found, projector, result), result.rms
+        before, rms = self._measured
+        if np.any(result.rms[self.moves] < HALF * rms[self.moves]):
+            self._measured = measured_floor(found, projector, result).below(before), result.rms
+        return self._measured[0]
+
+
+def missed(rest: BlockErrors, now: BlockErrors, joints: Sequence[int]) -> bool:
+    """Whether the error of a joint is larger without an effect by what would be worth a name."""
+    return any(rest.power[j] > (1 + WORTH / 2) ** 2 * now.power[j] for j in joints)

@@ -49,7 +49,8 @@ from hil.identify.regression import inflation
 from hil.models.effect import Trait, Waves
 
 if TYPE_CHECKING:
-    from hil.diagnosis.search import Search, Visited
+    from hil.diagnosis.remodel import Visited
+    from hil.diagnosis.search import Search
 
 
 @dataclass(frozen=True)

@@ -15,35 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import progress
-from hil.diagnosis import artefacts, remodel, rules
+from hil.diagnosis import remodel, rules
 from hil.diagnosis.attribution import as_use
-from hil.diagnosis.candidates import Rated, model_groups, paired, rate, simplest, tried, values_of
+from hil.diagnosis.candidates import Rated, model_groups, paired, simplest, values_of
 from hil.diagnosis.constants import ADEQUATE, BEYOND, HALF, RISEN, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
-    EFFECT,
     GEOMETRY,
-    detect,
-    measured_floor,
-    priced,
     terms_to_try,
 )
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable
-from hil.diagnosis.heldout import Examiner, of_blocks
-from hil.diagnosis.remodel import without
-from hil.diagnosis.residual_tests import changes
-from hil.diagnosis.types import Candidate, CheckResult, Evidence, Floor, Step, describe
+from hil.diagnosis.remodel import Models, Visited, missed, without
+from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
 from hil.identify.design import replaced
-from hil.identify.multistep import MultiStep, both
-from hil.identify.problem import Alignment, Problem
-from hil.identify.projector import Projector
-from hil.identify.result import FitResult
+from hil.identify.problem import Alignment
 from hil.identify.shape_search import expected_sign, rounder
 from hil.identify.slow_motion import LESS
-from hil.identify.timing import fit_aligned
+from hil.identify.timing import late_after_all
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
@@ -56,74 +47,9 @@ HINTS = 3
 
 
 @dataclass
-class Visited:
-    """A model on the way, with its errors on the fitted runs' folds and on held-out runs."""
+class Search(Models):
+    """State of the search: the models on the way, and what was found and refused."""
 
-    step: Step
-    errors: BlockErrors
-    added: tuple[Candidate, ...] = ()
-    #: Its simulated error, once it was asked for.
-    simulated: MultiStep | None = None
-
-    @property
-    def result(self) -> FitResult:
-        """Its fit."""
-        return self.step.result
-
-    @property
-    def keys(self) -> set[tuple[str, int]]:
-        """Effects that were added with it, by name and joint."""
-        return {c.term.key for c in self.added}
-
-
-@dataclass(frozen=True)
-class _Tried:
-    """Evidence that was gathered last, and beside which model."""
-
-    rung: Visited
-    kind: str
-    joints: tuple[int, ...]
-    first: Evidence | None
-    evidence: Evidence
-    rated: list[Rated]
-
-    def serves(
-        self, rung: Visited, kind: str, joints: Sequence[int], first: Evidence | None
-    ) -> bool:
-        """Whether it holds what is asked for; floors of the first evidence are kept."""
-        same = rung is self.rung and kind == self.kind and set(joints) <= set(self.joints)
-        return same and (first is self.first or first is self.evidence)
-
-    def of(self, joints: Sequence[int]) -> tuple[Evidence, list[Rated]]:
-        """What belongs to some joints, or to the whole robot."""
-        if set(joints) == set(self.joints):
-            return self.evidence, self.rated
-        some = [
-            r for r in self.rated if r.joint in joints or r.candidate.term.effect.scope.of_robot
-        ]
-        return replace(self.evidence, candidates=[r.candidate for r in some]), some
-
-
-@dataclass
-class Search:
-    """State of the search.
-
-    Parameters
-    ----------
-    problem : Problem
-        The fitted runs.
-    split : Split
-        Their blocks and folds.
-    examine : Examiner
-        Held-out runs, if there are any.
-    seed : int
-        Of the sign flips.
-    """
-
-    problem: Problem
-    split: Split
-    examine: Examiner
-    seed: int = 0
     refused: set[tuple[str, int]] = field(default_factory=set)
     #: Of these the ones that did not hold beside the present model of a joint, and which joint.
     beside: dict[tuple[str, int], int] = field(default_factory=dict)
@@ -131,112 +57,13 @@ class Search:
     stops: dict[tuple[str, int], CheckResult] = field(default_factory=dict)
     #: Rules that stopped something -> whether of one thing at least no other would have.
     fired: dict[str, bool] = field(default_factory=dict)
-    rungs: list[Visited] = field(default_factory=list)
     #: Whether several joints have no robot description.
     blind: bool = False
-    #: The rung that names are judged against: the first one, unless the geometry was missing.
-    start: int = 0
     found: list[Candidate] = field(default_factory=list)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
-    first: Evidence | None = None
+    #: Evidence beside the last model.
     last: Evidence | None = None
-    _tried: _Tried | None = None
-    #: The noise floor and the errors beside which it was measured.
-    _measured: tuple[Floor, FloatArray] | None = None
-
-    @property
-    def _moves(self) -> list[int]:
-        """Joints that move."""
-        return np.flatnonzero(~self.problem.holds).tolist()
-
-    @property
-    def now(self) -> Visited:
-        """The last model."""
-        return self.rungs[-1]
-
-    @property
-    def base(self) -> Visited:
-        """The model that names are judged against."""
-        return self.rungs[self.start]
-
-    def rung(self, label: str, model: RobotModel, scale: FloatArray | None = None) -> Visited:
-        """Fit a model and judge it."""
-        result = fit_aligned(self.problem, model, scale)
-        return self.judged(label, result)
-
-    def judged(self, label: str, result: FitResult) -> Visited:
-        """A fit with its errors."""
-        groups = model_groups(result)
-        table = GramTable(self.problem, self.split, result.sigma, groups)
-        keys = [g.key for g in groups]
-        errors = table.errors(keys)
-        if self.examine.kind == "holdout":
-            heldout = self.examine(result)
-        else:
-            heldout = of_blocks(table.left_out(keys), self.problem, self.split)
-        return Visited(Step(label, result, heldout), errors)
-
-    def parted(self, result: FitResult, dealt: Split) -> FloatArray:
-        """Squared errors (folds, d) on each fold of a dealing, fitted to the others."""
-        renew(result)  # columns may depend on what another fit has found since
-        groups = model_groups(result)
-        errors = GramTable(self.problem, dealt, result.sigma, groups).errors(
-            [g.key for g in groups]
-        )
-        out = np.zeros((dealt.folds, self.problem.d))
-        np.add.at(out, dealt.fold, errors.squared)
-        return out
-
-    def simulated(self, rung: Visited) -> MultiStep:
-        """The simulated error of a rung on the fitted runs."""
-        if rung.simulated is None:
-            renew(rung.result)
-            rung.simulated = both(rung.result, self.problem)
-        return rung.simulated
-
-    # ------------------------------------------------------------------ evidence
-
-    def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
-        """All candidates of a kind on some joints beside the present model, or of these."""
-        known = self._tried
-        if known is not None and known.serves(self.now, kind, joints, self.first):
-            return known.of(joints)
-        with self.problem.aside():
-            out, rated = self._evidence(joints, kind)
-        self._tried = _Tried(self.now, kind, tuple(joints), self.first, out, rated)
-        return out, rated
-
-    def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
-        result = self.now.result
-        terms, impossible = terms_to_try(result, joints, kind=kind)
-        projector, _ = tried(result, [])
-        changed = changes(result, projector)
-        if not changed:
-            terms = [t for t in terms if not t.effect.variation.sudden]
-        projector, found = tried(result, terms, projector=projector)
-        floor = self._floor(found, projector)
-        priced(found, floor, result)
-        detect(found, projector, floor, result, self.seed)
-        artefacts.mark_smoothers(found, projector)
-        artefacts.mark_blurred(found, result, projector)
-        rated = rate(result, self.split, found)
-        order = sorted(range(len(found)), key=lambda k: -_score(rated[k]))
-        out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
-        return out, [rated[k] for k in order]
-
-    def _floor(self, found: list[Candidate], projector: Projector) -> Floor:
-        """The noise floor; measured again once an error has halved, and no larger then.
-
-        Beside a large error candidates take shapes that explain none of the rest.
-        """
-        result = self.now.result
-        if self.first is None or self._measured is None:
-            self._measured = measured_floor(found, projector, result), result.rms
-        before, rms = self._measured
-        if np.any(result.rms[self._moves] < HALF * rms[self._moves]):
-            self._measured = measured_floor(found, projector, result).below(before), result.rms
-        return self._measured[0]
 
     def pays(self, r: Rated, evidence: Evidence) -> bool:
         """Whether a candidate passes every rule; the first that stops it is kept.
@@ -269,7 +96,7 @@ class Search:
 
     def forward(self, joints: Sequence[int] | None = None) -> None:
         """Add what pays, joint by joint, until every one of some joints, or of all, has failed."""
-        open_joints = self._moves if joints is None else list(joints)
+        open_joints = self.moves if joints is None else list(joints)
         while open_joints:
             found = len(self.rungs) - self.start - 1
             progress.at("seek effects", 0.2 - 0.15 * 0.7**found)
@@ -341,7 +168,7 @@ class Search:
                 continue
             rung = self.rung(now.step.label, model, now.result.sigma)
             fall = (now.errors.squared - rung.errors.squared)[:, c.joint]
-            if paired(fall) < RISEN or _missed(rung.errors, now.errors, self._moves):
+            if paired(fall) < RISEN or missed(rung.errors, now.errors, self.moves):
                 renew(now.result)
                 continue
             rung.added = now.added
@@ -361,7 +188,7 @@ class Search:
         list of int
             Joints on which one was found.
         """
-        return [j for j in self._moves if self._rounded(j)]
+        return [j for j in self.moves if self._rounded(j)]
 
     def _rounded(self, j: int) -> bool:
         """Whether joint j has a wider sign now, beside all that was found on it or but for one."""
@@ -403,19 +230,35 @@ class Search:
         now = self.now.errors
         sure = paired((now.squared - rung.errors.squared)[:, j]) > (0.0 if gone else RISEN)
         small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
-        return sure and not small and not _missed(rung.errors, now, self._moves)
-
-    def does_better(self, other: Visited) -> bool:
-        """Whether the last model foretells more of what was left out than another one does."""
-        now, then = self._shares(self.now), self._shares(other)
-        return bool(np.sum(np.log(np.maximum(now, 1e-300) / np.maximum(then, 1e-300))) < 0.0)
+        return sure and not small and not missed(rung.errors, now, self.moves)
 
     def _shares(self, rung: Visited) -> FloatArray:
         """Errors on left-out blocks and runs (2, moving) over the effort as it is aligned now."""
-        size = self.problem.rms(self.problem.effort)[self._moves]
-        return np.stack([x.rms[self._moves] / size for x in (rung.errors, rung.step.heldout)])
+        size = self.problem.rms(self.problem.effort)[self.moves]
+        return np.stack([x.rms[self.moves] / size for x in (rung.errors, rung.step.heldout)])
 
-    def retimed(self) -> None:
+    def retimed(self) -> bool:
+        """Efforts of another lateness, where all that was found leaves clearly less with them so.
+
+        Returns
+        -------
+        bool
+            Whether they are taken so now.
+        """
+        problem, rungs = self.problem, self.rungs
+        before, settled = problem.alignment, problem.aligned
+        if not self.found or not late_after_all(self.now.result):
+            return False
+        self._fitted_anew()
+        now, then = (np.maximum(self._shares(x), 1e-300) for x in (self.now, rungs[-1]))
+        if np.sum(np.log(now / then)) < 0.0:
+            return True
+        problem.aligned, self.rungs, self._measured = settled, rungs, None
+        problem.align_effort(before)
+        renew(self.now.result)
+        return False
+
+    def _fitted_anew(self) -> None:
         """Every model on the way fitted anew, to efforts that are aligned otherwise now."""
         fresh = [self.rung(r.step.label, r.result.model, r.result.sigma) for r in self.rungs]
         for old, new in zip(self.rungs, fresh, strict=True):
@@ -452,10 +295,10 @@ class Search:
             problem.align_effort(before)
             renew(now.result)
             return False
-        self.retimed()
+        self._fitted_anew()
         if not self.found:  # its evidence and floor are those of the other alignment
             self.first = None
-            self.first, _ = self.evidence(self._moves)
+            self.first, _ = self.evidence(self.moves)
             self.last = self.first
         return True
 
@@ -476,7 +319,7 @@ class Search:
         before = dict(problem.least)
         problem.least.update(found)
         rung = self.rung(now.step.label, now.result.model, now.result.sigma)
-        if _missed(rung.errors, now.errors, self._moves):
+        if missed(rung.errors, now.errors, self.moves):
             problem.least.clear()
             problem.least.update(before)
             renew(now.result)
@@ -494,7 +337,7 @@ class Search:
         model = remodel.uncorrected(last.result.model)
         rung = self.rung(before.step.label, model, last.result.sigma)
         old, new = (
-            np.stack([x.errors.rms, x.step.heldout.rms])[:, self._moves] for x in (before, rung)
+            np.stack([x.errors.rms, x.step.heldout.rms])[:, self.moves] for x in (before, rung)
         )
         lower = bool(np.any(new[0] < (1 - WORTH) * old[0]) and np.all(new < (1 + WORTH / 2) * old))
         if not lower:
@@ -541,8 +384,8 @@ class Search:
 
     def geometry(self) -> None:
         """Add what stands for a robot description that is missing; names are sought beside it."""
-        if terms_to_try(self.now.result, self._moves, kind=GEOMETRY)[0]:
-            self._corrected(self._moves, GEOMETRY)
+        if terms_to_try(self.now.result, self.moves, kind=GEOMETRY)[0]:
+            self._corrected(self.moves, GEOMETRY)
             self.start = len(self.rungs) - 1
             self.first, self.stops, self.fired = None, {}, {}
 
@@ -721,27 +564,18 @@ class Search:
             groups = model_groups(now.result)
             table = GramTable(self.problem, self.split, now.result.sigma, groups)
             rest = table.errors([g.key for g in groups if g.key != key])
-            feel = self._moves if c.term.effect.scope.whole else [c.joint]
+            feel = self.moves if c.term.effect.scope.whole else [c.joint]
             rise = rest.squared - now.errors.squared
-            if _missed(rest, now.errors, feel) or any(paired(rise[:, j]) > BEYOND for j in feel):
+            if missed(rest, now.errors, feel) or any(paired(rise[:, j]) > BEYOND for j in feel):
                 continue
             rung = self.rung(
                 f"- {describe(c, self.problem)}",
                 without(now.result.model, c, self.problem),
                 now.result.sigma,
             )
-            if not _missed(rung.errors, now.errors, feel):
+            if not missed(rung.errors, now.errors, feel):
                 self.rungs.append(rung)
                 self.found.remove(c)
                 self.refused.add((c.name, c.term.joint))
                 return
             renew(now.result)
-
-
-def _score(r: Rated) -> float:
-    return r.removed / max(r.before, 1e-300)
-
-
-def _missed(rest: BlockErrors, now: BlockErrors, joints: Sequence[int]) -> bool:
-    """Whether the error of a joint is larger without an effect by what would be worth a name."""
-    return any(rest.power[j] > (1 + WORTH / 2) ** 2 * now.power[j] for j in joints)
