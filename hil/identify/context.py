@@ -1,5 +1,8 @@
 """What effects refer to and the fit itself finds: sign resolution, surface, transmitted load.
 
+Load and states of friction are made of the solution that refers to them: they are found again and
+again until they settle.
+
 How the fitted model's effort answers a small error of position or acceleration.
 
 Evaluated twenty times a second along the run and interpolated: it changes with the posture.
@@ -8,7 +11,7 @@ Evaluated twenty times a second along the run and interpolated: it changes with 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -19,8 +22,11 @@ from numpy.typing import NDArray
 from hil.errors import FitError
 from hil.identify.design import Term, block, by_run
 from hil.identify.problem import Problem
+from hil.identify.screening import CLOSE
 from hil.identify.shape_search import search_shapes
+from hil.identify.solve import solve, solved
 from hil.models.effect import Trait
+from hil.models.model import RobotModel
 from hil.models.motion import Motion
 
 if TYPE_CHECKING:
@@ -31,6 +37,13 @@ FloatArray = NDArray[np.float64]
 SOLID = ("mass", "stiffness")
 #: Share of a load's range within which two loads are the same.
 SAME_LOAD = 1e-3
+#: Rounds in which load and states of friction settle for shapes that are known.
+SETTLING = 3
+#: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
+#: from which on they have.
+LOADS, SAME_SCALE = 8, 0.01
+#: Most rounds in which states of friction come to be those of the solution that is made of them.
+STATES = 12
 
 
 def impossible(term: Term, problem: Problem, reason: str) -> FitError:
@@ -131,7 +144,7 @@ def _sliding(
     return replace(motion, friction=kept)
 
 
-def half_way(problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]) -> bool:
+def _half_way(problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]) -> bool:
     """States of friction and motor efforts half-way to those of a solution; whether they differed.
 
     Laws that scale a state, or an effort, and those that make it may take turns: where the state is
@@ -157,6 +170,99 @@ def half_way(problem: Problem, terms: list[Term], theta: FloatArray, slices: lis
 def _middle(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
     """The mean of two states; the second one where one of them is none, or they are the same."""
     return b if a is None or b is None or a is b else 0.5 * (a + b)
+
+
+# ------------------------------------------------------------ settling
+
+
+@dataclass(frozen=True)
+class Given:
+    """A fitted model whose load and states of friction have settled, before its shapes move."""
+
+    terms: list[Term]
+    motions: list[Motion]
+    sigma: FloatArray
+    idle: set[tuple[str, int]]
+
+    def or_better(
+        self, problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+    ) -> tuple[list[Term], FloatArray]:
+        """Terms and scales to go on with: those found, or the given ones where they leave less.
+
+        What terms refer to is found beside all others, and may lead away from where they began.
+        """
+        moves, now = ~problem.holds, problem.rms(solve(problem, terms, model, sigma)[-1])
+        ratio = np.maximum(now[moves], 1e-300) / self.sigma[moves]
+        # the geometric mean of the joints, each in its own effort's scale
+        if not ratio.size or float(np.sum(np.log(ratio))) < ratio.size * np.log(CLOSE):
+            return terms, sigma
+        problem.motions = self.motions
+        set_context(problem, self.terms)
+        problem.set_context()  # what was made beside the other load is forgotten
+        return self.terms, self.sigma
+
+
+def settled_as_given(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> Given | None:
+    """The model as it was given, with all its shapes; None where there is nothing to settle.
+
+    A load that an earlier fit of the same runs has found stands already.
+    """
+    if problem.motions[0].drive.size:
+        return None
+    for _ in range(SETTLING):
+        motions = problem.motions
+        sigma, idle = scales(problem, terms, model, sigma)
+    return Given(terms, motions, sigma, idle)
+
+
+def settled_load(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> FloatArray:
+    """Residual scales (d,) once the load that laws refer to is that of the fitted masses.
+
+    A law that scales the load, or turns it, moves the masses that the load is made of.
+    """
+    for _ in range(LOADS):
+        before = sigma
+        sigma, _ = scales(problem, terms, model, sigma)
+        if np.max(np.abs(np.log(sigma / before))) < SAME_SCALE:
+            break
+    return sigma
+
+
+def own_states(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray) -> None:
+    """Give the problem the states of friction that are those of the solution made of them."""
+    for _ in range(STATES if scaled_states(problem, terms) else 0):
+        theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
+        if not _half_way(problem, terms, theta, slices):
+            break
+
+
+def scaled_states(problem: Problem, terms: list[Term]) -> bool:
+    """Whether a joint has a state of friction of its own, and a law that scales it by the load."""
+    states = problem.motions[0].friction
+    scaling = [t for t in terms if Trait.LOAD in t.effect.traits and t.effect.family == "friction"]
+    return bool(states) and any(states[t.joint] is not None for t in scaling)
+
+
+def scales(
+    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
+) -> tuple[FloatArray, set[tuple[str, int]]]:
+    """Residual scale by joint, the load, and the terms that their bounds keep at zero."""
+    # a load is made of the masses that the fit will end with, the description's part included
+    drawing = any(Trait.LOAD in t.effect.traits for t in terms)
+    for _ in range(2):
+        theta, _, _, slices, residual, _ = solved(problem, terms, model, sigma, drawing)
+        floor = 1e-6 * np.std(problem.y, axis=1) + 1e-15
+        sigma = np.maximum(problem.rms(residual), floor)
+    update_load(problem, terms, theta, slices)
+    parts = zip(terms, slices, strict=True)
+    return sigma, {t.key for t, s in parts if not t.effect.shape and not np.any(theta[s])}
+
+
+# ------------------------------------------------------------ of other fits
 
 
 def carrying(result: FitResult, problem: Problem) -> list[Motion]:

@@ -42,18 +42,20 @@ from numpy.typing import NDArray
 from hil.errors import FitError
 from hil.identify.context import (
     find_surface,
-    half_way,
     impossible,
+    own_states,
     references,
+    scaled_states,
+    scales,
     set_context,
-    update_load,
+    settled_as_given,
+    settled_load,
 )
 from hil.identify.design import Term, bind, by_run, coefficients, prefix
 from hil.identify.predict import identified, predict
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis, basis, cluster_covariance, extended, time_blocks
 from hil.identify.result import DESCRIBED, FitResult
-from hil.identify.screening import CLOSE
 from hil.identify.shape_search import search_shapes
 from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
 from hil.models.effect import Trait
@@ -65,13 +67,6 @@ __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
 SCALE_CHANGE = 0.1
-#: Rounds in which load and states of friction settle for shapes that are known.
-SETTLING = 3
-#: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
-#: from which on they have.
-LOADS, SAME_SCALE = 8, 0.01
-#: Most rounds in which states of friction come to be those of the solution that is made of them.
-STATES = 12
 #: Multiple of a shape value from which its error says only that nothing is known of it.
 OPEN = 10.0
 #: A shape value: number of its term, and which of the term's shape values it is.
@@ -117,7 +112,7 @@ def fit(
     find_surface(problem, terms, sigma)
     if whole:
         set_context(problem, terms)  # another fit may have left its own
-    given = _settled(problem, terms, model, sigma) if whole else None
+    given = settled_as_given(problem, terms, model, sigma) if whole else None
     idle: set[tuple[str, int]] = set()
     if given:
         sigma, idle = given.sigma, given.idle
@@ -125,74 +120,17 @@ def fit(
         before = sigma
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
-        sigma, now = _scales(problem, terms, model, sigma)
+        sigma, now = scales(problem, terms, model, sigma)
         near = scale is not None and np.max(np.abs(np.log(sigma / before))) < SCALE_CHANGE
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
     if any(Trait.LOAD in t.effect.traits for t in terms):
-        sigma = _load_settled(problem, terms, model, sigma)
+        sigma = settled_load(problem, terms, model, sigma)
     if given:
-        _own_states(problem, terms, model, sigma)
+        own_states(problem, terms, model, sigma)
         terms, sigma = given.or_better(problem, terms, model, sigma)
     return assemble(problem, model, _polished(problem, terms, model, sigma), sigma)
-
-
-@dataclass(frozen=True)
-class _Given:
-    """A fitted model whose load and states of friction have settled, before its shapes move."""
-
-    terms: list[Term]
-    motions: list[Motion]
-    sigma: FloatArray
-    idle: set[tuple[str, int]]
-
-    def or_better(
-        self, problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-    ) -> tuple[list[Term], FloatArray]:
-        """Terms and scales to go on with: those found, or the given ones where they leave less.
-
-        What terms refer to is found beside all others, and may lead away from where they began.
-        """
-        moves, now = ~problem.holds, problem.rms(solve(problem, terms, model, sigma)[-1])
-        ratio = np.maximum(now[moves], 1e-300) / self.sigma[moves]
-        # the geometric mean of the joints, each in its own effort's scale
-        if not ratio.size or float(np.sum(np.log(ratio))) < ratio.size * np.log(CLOSE):
-            return terms, sigma
-        problem.motions = self.motions
-        set_context(problem, self.terms)
-        problem.set_context()  # what was made beside the other load is forgotten
-        return self.terms, self.sigma
-
-
-def _settled(
-    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> _Given | None:
-    """The model as it was given, with all its shapes; None where there is nothing to settle.
-
-    A load that an earlier fit of the same runs has found stands already.
-    """
-    if problem.motions[0].drive.size:
-        return None
-    for _ in range(SETTLING):
-        motions = problem.motions
-        sigma, idle = _scales(problem, terms, model, sigma)
-    return _Given(terms, motions, sigma, idle)
-
-
-def _load_settled(
-    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> FloatArray:
-    """Residual scales (d,) once the load that laws refer to is that of the fitted masses.
-
-    A law that scales the load, or turns it, moves the masses that the load is made of.
-    """
-    for _ in range(LOADS):
-        before = sigma
-        sigma, _ = _scales(problem, terms, model, sigma)
-        if np.max(np.abs(np.log(sigma / before))) < SAME_SCALE:
-            break
-    return sigma
 
 
 def _polished(
@@ -202,12 +140,12 @@ def _polished(
 
     The steps to the optimum take the states that laws scale as they are.
     """
-    if not _scaled_states(problem, terms):
+    if not scaled_states(problem, terms):
         return gauss_newton(problem, terms, model, sigma)
-    _own_states(problem, terms, model, sigma)
+    own_states(problem, terms, model, sigma)
     motions, before = problem.motions, problem.rms(solve(problem, terms, model, sigma)[-1])
     moved = gauss_newton(problem, terms, model, sigma)
-    _own_states(problem, moved, model, sigma)
+    own_states(problem, moved, model, sigma)
     after = problem.rms(solve(problem, moved, model, sigma)[-1])
     ratio = np.maximum(after, 1e-300) / np.maximum(before, 1e-300)
     if float(np.sum(np.log(ratio[~problem.holds]))) <= 0.0:
@@ -218,42 +156,12 @@ def _polished(
     return terms
 
 
-def _own_states(problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray) -> None:
-    """Give the problem the states of friction that are those of the solution made of them."""
-    for _ in range(STATES if _scaled_states(problem, terms) else 0):
-        theta, _, _, slices, _, _ = solved(problem, terms, model, sigma, True)
-        if not half_way(problem, terms, theta, slices):
-            break
-
-
-def _scaled_states(problem: Problem, terms: list[Term]) -> bool:
-    """Whether a joint has a state of friction of its own, and a law that scales it by the load."""
-    states = problem.motions[0].friction
-    scaling = [t for t in terms if Trait.LOAD in t.effect.traits and t.effect.family == "friction"]
-    return bool(states) and any(states[t.joint] is not None for t in scaling)
-
-
 def _start(term: Term, problem: Problem) -> tuple[float, ...]:
     grid = problem.grid(term.effect, term.joint)
     if not grid:
         reason = term.effect.scope.lacks(problem.motions[0], term.joint) or "no shape to try"
         raise impossible(term, problem, reason)
     return grid[0]
-
-
-def _scales(
-    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> tuple[FloatArray, set[tuple[str, int]]]:
-    """Residual scale by joint, the load, and the terms that their bounds keep at zero."""
-    # a load is made of the masses that the fit will end with, the description's part included
-    drawing = any(Trait.LOAD in t.effect.traits for t in terms)
-    for _ in range(2):
-        theta, _, _, slices, residual, _ = solved(problem, terms, model, sigma, drawing)
-        floor = 1e-6 * np.std(problem.y, axis=1) + 1e-15
-        sigma = np.maximum(problem.rms(residual), floor)
-    update_load(problem, terms, theta, slices)
-    parts = zip(terms, slices, strict=True)
-    return sigma, {t.key for t, s in parts if not t.effect.shape and not np.any(theta[s])}
 
 
 def assemble(
