@@ -198,6 +198,10 @@ def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float])
     return [*((f, z, rub) for z in MORE_ZETAS), *((f, zeta, r) for r in frictions)]
 
 
+#: What `fl` is: the friction acts as the load does, by the share that lies behind the spring.
+_RUBS = "Coulomb friction behind the spring, over the share a"
+
+
 def _elastic_transmission_carries(f: Fitted) -> bool:
     """Within the band, and a good part of the load behind it; a small one is a mode."""
     return f.beta[0] > LOAD_SHARE
@@ -227,7 +231,7 @@ class ElasticTransmission(_Resonance):
         source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
     )
     params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
-    shape = (*_Resonance.shape, Param("fl", "{F}", "Coulomb friction behind the spring", 0.0))
+    shape = (*_Resonance.shape, Param("fl", "{F}", _RUBS, 0.0))
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
     search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=2)
     scope = Scope(Of.JOINTS, sought_alone=True)
