@@ -82,6 +82,9 @@ def described(t: FloatArray, found: Jumps) -> str:
 
 #: Part of a count by which multiples of it may be off in a table, and steps that show one.
 OFF, FEW_STEPS = 0.1, 100
+#: Share of steps that may be no multiples: of rows that were filled in, or of a count that a table
+#: writes in two ways.
+STRAY = 0.02
 
 
 def resolution(x: FloatArray, exact: bool = False) -> float:
@@ -97,21 +100,40 @@ def resolution(x: FloatArray, exact: bool = False) -> float:
         kinds = np.unique(some if exact else np.round(some, 12)).size
         if not 0 < kinds < MAX_KINDS:
             return _multiples(steps) if exact else 0.0
-    return float(steps.min())
+    return _of_counts(steps)
+
+
+def _of_counts(steps: FloatArray) -> float:
+    """The largest step of which nearly all are multiples.
+
+    The last digit of a table makes stray ones, and rows that were filled in make parts of a count.
+    """
+    kinds, often = np.unique(steps, return_counts=True)
+    for one in kinds[::-1].tolist():
+        whole = np.maximum(np.round(kinds / one), 1.0)
+        if often[np.abs(kinds - whole * one) > OFF * one].sum() <= STRAY * steps.size:
+            return float(one)
+    return float(kinds[0])
 
 
 def _multiples(steps: FloatArray) -> float:
     """The step of which all others are multiples but for `OFF` of it; 0 where there is none."""
     if steps.size < FEW_STEPS:
         return 0.0
-    one = float(steps.min())
     order = np.sort(steps)
+    stray = int(STRAY * order.size)
+    return _multiples_of(order, order[0], 0) or _multiples_of(order, order[stray], stray)
+
+
+def _multiples_of(order: FloatArray, one: float, stray: int) -> float:
+    """The step near one of which all of these (n,), the least first, are multiples but for some."""
     for part in (0.5, 1.0):  # the small ones say it well enough for the large ones
         some = order[: max(int(part * order.size), FEW_STEPS)]
         whole = np.maximum(np.round(some / one), 1.0)
-        if np.max(np.abs(some - whole * one)) > OFF * one:
+        good = np.abs(some - whole * one) <= OFF * one
+        if np.sum(~good) > stray:
             return 0.0
-        one = float(some @ whole) / float(whole @ whole)
+        one = float(some[good] @ whole[good]) / float(whole[good] @ whole[good])
     return one
 
 

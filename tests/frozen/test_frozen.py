@@ -29,10 +29,30 @@ def different(path, was, now):
         yield f"{path}: {was} -> {now}"
 
 
+def settled(answer):
+    """An answer whose neighbours of one error come by name: which is first is rounding."""
+    groups = []
+    for entry in answer["ranking"]:
+        after = groups and groups[-1][-1][2]
+        if groups and entry[2] == pytest.approx(after, rel=ALIKE):
+            groups[-1].append(entry)
+        else:
+            groups.append([entry])
+    return {**answer, "ranking": [entry for some in groups for entry in sorted(some)]}
+
+
 @pytest.mark.parametrize("law", sessions.LAWS)
 def test_diagnosis(law, tmp_path):
-    now = sessions.rounded(sessions.diagnosis(law, tmp_path))
-    assert list(different(law, FROZEN["diagnoses"][law], now)) == []
+    now = settled(sessions.rounded(sessions.diagnosis(law, tmp_path)))
+    assert list(different(law, settled(FROZEN["diagnoses"][law]), now)) == []
+
+
+def test_an_order_that_is_no_rounding_is_seen():
+    was = {"ranking": [["a", "joint1", 1.0], ["b", "joint1", 1.0], ["c", "joint1", 1.1]]}
+    same = {"ranking": [was["ranking"][k] for k in (1, 0, 2)]}
+    other = {"ranking": [was["ranking"][k] for k in (0, 2, 1)]}
+    assert list(different("", settled(was), settled(same))) == []
+    assert list(different("", settled(was), settled(other))) != []
 
 
 @pytest.mark.parametrize("name", sessions.DESIGNS)

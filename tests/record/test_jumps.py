@@ -9,7 +9,7 @@ from record_tables import write_csv
 import hil
 from hil.cli import main
 from hil.record.checks import check
-from hil.record.jumps import jumps, periods, wraps
+from hil.record.jumps import jumps, periods, resolution, wraps
 
 COUNT = 1e-4
 
@@ -168,3 +168,34 @@ def test_other_faults_are_no_wraps(fault):
     assert wraps(t, x, periods(x)) is None
     whole = np.round(x / COUNT)
     assert wraps(t, whole, periods(whole)) is None
+
+
+COARSE = 2 * np.pi / 8192
+
+
+def counted(n=20000):
+    """A position in counts that moves by less than one a row for most of the time."""
+    t = np.arange(n) / 2000.0
+    q = 0.8 * np.sin(1.3 * t) + 0.3 * np.sin(4.1 * t)
+    return np.round(q / COARSE) * COARSE
+
+
+def test_a_count_is_found_through_a_table_that_writes_it_in_two_ways():
+    q = np.round(counted(), 9)
+    q[[700, 3100, 9000]] += 1.39e-9  # another last digit
+    assert resolution(q, exact=True) == pytest.approx(COARSE, rel=1e-3)
+    assert resolution(q) == pytest.approx(COARSE, rel=1e-3)
+
+
+@pytest.mark.parametrize("gaps", [20, 40])
+def test_a_count_is_found_beside_rows_that_were_filled_in(gaps):
+    rng, q = np.random.default_rng(3), counted()
+    for k in rng.choice(np.arange(100, len(q) - 100), gaps, replace=False).tolist():
+        length = int(rng.integers(2, 8))
+        q[k : k + length + 1] = np.linspace(q[k], q[k + length], length + 1)
+    assert resolution(q, exact=True) == pytest.approx(COARSE, rel=1e-3)
+
+
+def test_noise_is_not_in_counts():
+    q = np.cumsum(np.random.default_rng(1).normal(0.0, 1e-3, 20000))
+    assert resolution(q, exact=True) == 0.0
