@@ -1062,24 +1062,28 @@ def spatial(
     offset: float = 0.0,
     tilt: tuple[float, float] = (0.0, 0.0),
     belt: float = 0.0,
+    driven: int = 1,
+    rotor: float = ROTOR,
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Recording:
     """Random band-limited motion; effort = rnea + Coulomb and viscous friction + noise.
 
-    With `tilt` the base is turned about its x and y axes [rad]; with `belt` the second joint is
-    driven over a spring [N m/rad] by a motor with a rotor and an encoder of its own.
+    With `tilt` the base is turned about its x and y axes [rad]; with `belt` joint number `driven`
+    is driven over a spring [N m/rad] by a motor with a rotor and an encoder of its own.
     """
     rng, fs = np.random.default_rng(seed), 500.0
     t = np.arange(int(seconds * fs)) / fs
     w = 2 * np.pi * rng.uniform(0.1, 1.2, (3, 6))
     phase, size = rng.uniform(0, 2 * np.pi, (3, 6)), rng.uniform(0.3, 0.6, (3, 6)) / w**0.5
     q, qd, qdd = sines(t, w, size, phase)
+    q += home
     model = pin.buildModelFromXML(spatial_urdf())
     model.gravity.linear = pin.exp3(np.array([*tilt, 0.0])).T @ model.gravity.linear
     tau = _rnea(model, (q, qd, qdd))
     if belt:
-        q[:, 1] += tau[:, 1] / belt
-        qd[:, 1] = np.gradient(q[:, 1], t)
-        tau[:, 1] += ROTOR * np.gradient(qd[:, 1], t)
+        q[:, driven] += tau[:, driven] / belt
+        qd[:, driven] = np.gradient(q[:, driven], t)
+        tau[:, driven] += rotor * np.gradient(qd[:, driven], t)
     tau += SPATIAL_FC * np.sign(qd) + SPATIAL_FV * qd + NOISE * rng.normal(size=tau.shape) + offset
     source = RobotSource("", spatial_urdf())
     return Recording(name or f"run{seed}", "arm", JOINTS, t, q, tau, robot=source)

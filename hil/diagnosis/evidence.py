@@ -146,10 +146,10 @@ def _directions(columns: FloatArray) -> int:
 
 
 def _free(term: Term, projector: Projector) -> int:
-    """Shape values that were searched; a choice of a few forms is none."""
+    """Shape values that were searched; a choice of a few forms is none, nor what is tuned later."""
     grid = projector.problem.grid(term.effect, term.joint)
     each = zip(term.effect.shape, zip(*grid, strict=True), strict=False)
-    return sum(len(set(values)) > 2 and not p.choice for p, values in each)
+    return sum(len(set(values)) > 2 and not (p.choice or p.tuned) for p, values in each)
 
 
 def _parts(

@@ -378,6 +378,7 @@ class EffortResponse:
     ) -> None:
         self._motion, self._parts, self._more = motion, parts, more
         self._unslipped: dict[int, FloatArray] = {}
+        self._coriolis: dict[int, FloatArray] = {}
         stride = max(1, int(1 / RATE / motion.dt))
         self._pick = np.unique(np.append(np.arange(0, motion.n, stride), motion.n - 1))
 
@@ -392,6 +393,20 @@ class EffortResponse:
         """G(q) with G[i, j] = d tau_i / d q_j at rest, shape (n, d, d)."""
         rest, step = self._effort(0.0, 0.0), STEP * np.eye(self._motion.d)
         return self._along([(self._effort(row, 0.0) - rest) / STEP for row in step])
+
+    def coriolis(self, j: int) -> FloatArray:
+        """Derivative of tau_i by joint j's speed, of masses alone, shape (n, d).
+
+        The efforts are a quadratic form of the speeds:  f(a + b) - f(a) - f(b) + f(0) = 2 B(a, b),
+        and  d tau_i / d qd_j = sum_k 2 B_i(j, k) qd_k.
+        """
+        if j not in self._coriolis:
+            one = np.eye(self._motion.d)
+            rest, each = self._effort(0.0, 0.0), [self._effort(0.0, 0.0, x) for x in one]
+            both = [self._effort(0.0, 0.0, one[j] + x) for x in one]
+            parts = [f - g - each[j] + rest for f, g in zip(both, each, strict=True)]
+            self._coriolis[j] = np.einsum("nik,nk->ni", self._along(parts), self._motion.qd)
+        return self._coriolis[j]
 
     @cached_property
     def damping(self) -> FloatArray:
@@ -449,11 +464,18 @@ class EffortResponse:
         spline = scipy.interpolate.CubicSpline(self._motion.t[self._pick], values, axis=0)
         return np.asarray(spline(self._motion.t), dtype=np.float64)
 
-    def _effort(self, aside: FloatArray | float, qdd: FloatArray | float) -> FloatArray:
-        """Effort at rest in the postures, moved aside, under an acceleration; (picked, d)."""
+    def _effort(
+        self, aside: FloatArray | float, qdd: FloatArray | float, qd: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Effort in the postures, moved aside, at a speed and an acceleration; (picked, d)."""
         m, zero = self._motion, np.zeros((len(self._pick), self._motion.d))
         posed = replace(
-            m, t=m.t[self._pick], q=m.q[self._pick] + aside, qd=zero, qdd=zero + qdd, response=None
+            m,
+            t=m.t[self._pick],
+            q=m.q[self._pick] + aside,
+            qd=zero + qd,
+            qdd=zero + qdd,
+            response=None,
         )
         out = np.zeros_like(zero)
         for t, theta in self._parts:

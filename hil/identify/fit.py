@@ -33,7 +33,7 @@ not at it.  Nothing is fitted again, and no verdict rests on these errors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -277,7 +277,7 @@ def gauss_newton(
 
     The sign resolution of Coulomb friction stays: it is the sharpest that fits, not the best.
     """
-    ranges = {k: around(problem, t) for k, t in enumerate(terms) if _movable(problem, t)}
+    ranges = _ranges(problem, terms)
     if not ranges:
         return terms
     theta, _, b, slices, residual = solve(problem, terms, model, sigma)
@@ -295,10 +295,32 @@ def gauss_newton(
         before, left, terms, part = left, after, new, min(2 * part, 1.0)
         theta, _, b, _, residual = found
         # a step that ended at a neighbour on the grid may go on beyond it
-        ranges = {k: around(problem, terms[k]) for k in ranges}
+        ranges = _ranges(problem, terms, ranges)
         if before - left < STEP_GAIN:
             break
     return terms
+
+
+#: A shape value: number of its term, and which of its values.
+ShapeAt = tuple[int, int]
+#: Ratio by which a tuned value may change at a step.
+TUNED_RATIO = 1.3
+
+
+def _ranges(
+    problem: Problem, terms: Sequence[Term], known: Collection[ShapeAt] = ()
+) -> dict[ShapeAt, tuple[float, float]]:
+    """Shape values that go to the joint optimum, and between what; of those `known` if given."""
+    out: dict[ShapeAt, tuple[float, float]] = {}
+    for k, t in enumerate(terms):
+        if not ((k, 0) in known if known else _movable(problem, t)):
+            continue
+        out[k, 0] = around(problem, t)
+        for i, (p, x) in enumerate(zip(t.effect.shape, t.shape, strict=True)):
+            if i and p.tuned and x:
+                ends = sorted((x / TUNED_RATIO, x * TUNED_RATIO))
+                out[k, i] = max(ends[0], p.lower), min(ends[1], p.upper)
+    return out
 
 
 def _movable(problem: Problem, term: Term) -> bool:
@@ -309,7 +331,7 @@ def _movable(problem: Problem, term: Term) -> bool:
 
 def _stepped(
     terms: list[Term],
-    ranges: dict[int, tuple[float, float]],
+    ranges: dict[ShapeAt, tuple[float, float]],
     joint: Basis,
     r: FloatArray,
     part: float,
@@ -317,9 +339,10 @@ def _stepped(
     """Terms after a part of one Gauss-Newton step on the weighted residual r (d n,)."""
     size, out = joint.scale.size, list(terms)
     steps = joint.solve(r, np.zeros(size), np.zeros(r.size))[size - len(ranges) :]
-    for (k, (low, high)), step in zip(ranges.items(), steps, strict=True):
-        first = float(np.clip(terms[k].shape[0] + part * step, low, high))
-        out[k] = terms[k].reshaped((first, *terms[k].shape[1:]))
+    for ((k, i), (low, high)), step in zip(ranges.items(), steps, strict=True):
+        shape = out[k].shape
+        new = float(np.clip(shape[i] + part * step, low, high))
+        out[k] = out[k].reshaped((*shape[:i], new, *shape[i + 1 :]))
     return out
 
 
@@ -381,7 +404,7 @@ def standard_errors(
     """
     ends = {k: end_of_range(problem, t) for k, t in enumerate(terms) if searched(problem, t)}
     free = [k for k, end in ends.items() if not end]
-    b = with_shapes(problem, terms, theta, slices, b, sigma, free)
+    b = with_shapes(problem, terms, theta, slices, b, sigma, [(k, 0) for k in free])
     blocks = np.tile(time_blocks(problem), problem.d)
     more = weighted.size - blocks.size
     blocks = np.concatenate([blocks, int(blocks.max()) + 1 + np.arange(more)])
@@ -447,16 +470,6 @@ def end_of_range(problem: Problem, term: Term) -> int:
     return int(value >= values[-1] - near) - int(value <= values[0] + near)
 
 
-def jacobian(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice], k: int
-) -> FloatArray:
-    """Derivative of the model's effort by the first shape value of term k, shape (d, n).
-
-    What other effects take from it (the sign resolution, the surface) changes with it.
-    """
-    return derivative(problem, terms, theta, slices, k, 0)
-
-
 def derivative(
     problem: Problem,
     terms: Sequence[Term],
@@ -465,7 +478,10 @@ def derivative(
     k: int,
     i: int,
 ) -> FloatArray:
-    """Derivative of the model's effort by shape value i of term k, shape (d, n)."""
+    """Derivative of the model's effort by shape value i of term k, shape (d, n).
+
+    What other effects take from it (the sign resolution, the surface) changes with it.
+    """
     term = terms[k]
     shape = term.shape
     if i == 0:
@@ -495,12 +511,12 @@ def with_shapes(
     slices: Sequence[slice],
     b: Basis,
     sigma: FloatArray,
-    which: Sequence[int],
+    which: Sequence[ShapeAt],
 ) -> Basis:
-    """Basis of [X, J]: the coefficients' basis and the first shape values of some terms."""
+    """Basis of [X, J]: the coefficients' basis and some shape values of terms."""
     if not which:
         return b
-    columns = [jacobian(problem, terms, theta, slices, k) / sigma[:, None] for k in which]
+    columns = [derivative(problem, terms, theta, slices, *at) / sigma[:, None] for at in which]
     j = np.stack([c.reshape(-1) for c in columns], axis=1)
     j = np.concatenate([j, np.zeros((len(b.q) - len(j), len(which)))])
     return extended(b, j, noise_to_signal(problem.y / sigma[:, None]))

@@ -83,6 +83,7 @@ __all__ = [
     "are_twins",
     "brakes",
     "log_grid",
+    "motor_inertias",
     "refused",
     "strict",
     "terms_of",
@@ -233,6 +234,21 @@ def other_ratios(r: float, even: float) -> list[float]:
     if abs(r) == even:
         return [even * x * s for x in RATIOS for s in (1.0, -1.0)]
     return [x * r for x in FINER]
+
+
+#: Shares of a joint's inertia that may be its motor's.
+PARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+
+
+def motor_inertias(motion: Motion, j: int, own: float) -> list[float]:
+    """Inertias of the motor within the model's masses that are worth trying beside one.
+
+    Of all sizes beside none, else near it.
+    """
+    if motion.response is None:
+        return []
+    size = float(np.mean(motion.response.inertia[:, j, j]))
+    return [own * x for x in FINER] if own else [s * size * x for x in PARTS for s in (1, -1)]
 
 
 def log_grid(low: float, high: float, count: int) -> Shapes:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
-    FINER,
     STRICT,
     Doc,
     Effect,
@@ -28,6 +27,7 @@ from hil.models.effect import (
     brakes,
     even_ratio,
     log_grid,
+    motor_inertias,
     other_ratios,
     typical_speed,
 )
@@ -328,10 +328,6 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
     return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
-#: Shares of a joint's inertia that may be its motor's.
-PARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
-
-
 def _load_friction_grid(motion: Motion, j: int) -> Shapes:
     """The loads that differ."""
     static = [(1.0, 0.0)] if np.any(motion.static[:, j]) else []
@@ -343,9 +339,7 @@ def _load_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Sha
     of, own = shape
     if of or motion.response is None:
         return []
-    size = float(np.mean(motion.response.inertia[:, j, j]))
-    more = [own * x for x in FINER] if own else [s * size * x for x in PARTS for s in (1, -1)]
-    return [(of, own), *((of, x) for x in more)]
+    return [(of, own), *((of, x) for x in motor_inertias(motion, j, own))]
 
 
 class LoadFriction(Effect):

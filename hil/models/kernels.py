@@ -10,39 +10,72 @@ from hil.models.motion import FloatArray
 
 @numba.njit(cache=True, nogil=True)
 def sprung(
-    load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, damping: float
-) -> tuple[FloatArray, FloatArray]:
-    """Effort that a spring passes to the link behind it, and how fast it is stretched, (n,) each.
+    load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, zeta: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Effort that a spring passes to the link behind it, its stretch and its rate, (n,) each.
 
     As the load is what the link would need to move with the motor, the stretch obeys
 
-        I d'' + c d' + k d = load,    effort = k d + c d'
+        (I d')' + c d' + k d = load,    effort = k d + c d',    c = 2 zeta sqrt(k I);
 
-    from d = load / k.  Exact for an inertia that is constant over a step; the load is taken at
-    the middle of the step.
+    other joints change I, and a joint's own position does not.  Exact for an inertia that is
+    constant over a step, between which I d' stays; the load is taken at the middle of the step.
+    A recording begins somewhere within a motion: the state at its start is the one from which the
+    effort swings least about the load, which is what is left once the start is forgotten.
     """
-    effort, rate = np.empty(load.size), np.zeros(load.size)
-    d, v = load[0] / stiffness, 0.0
-    effort[0] = load[0]
-    same, co, si, shrink, damped, decay, w = -1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0
-    for n in range(1, load.size):
+    out = np.empty((3, load.size))
+    free, other = np.empty((3, load.size)), np.empty((3, load.size))
+    none = np.zeros(load.size)
+    _swung(load, inertia, dt, stiffness, zeta, load[0] / stiffness, 0.0, out)
+    _swung(none, inertia, dt, stiffness, zeta, 1.0, 0.0, free)
+    _swung(none, inertia, dt, stiffness, zeta, 0.0, np.sqrt(stiffness / inertia[0]), other)
+    aa = ab = bb = ay = by = 0.0
+    for n in range(load.size):
+        y = load[n] - out[0, n]
+        aa += free[0, n] * free[0, n]
+        ab += free[0, n] * other[0, n]
+        bb += other[0, n] * other[0, n]
+        ay += free[0, n] * y
+        by += other[0, n] * y
+    size = aa * bb - ab * ab
+    if size > 1e-6 * aa * bb:
+        x, y = (ay * bb - by * ab) / size, (by * aa - ay * ab) / size
+        out += x * free + y * other
+    return out[0], out[1], out[2]
+
+
+@numba.njit(cache=True, nogil=True)
+def _swung(
+    load: FloatArray,
+    inertia: FloatArray,
+    dt: float,
+    stiffness: float,
+    zeta: float,
+    d: float,
+    v: float,
+    out: FloatArray,
+) -> None:
+    """Effort, stretch and rate of `sprung` from a stretch d and a rate v, to out (3, n)."""
+    same, co, si, shrink, damped, decay, w, damping = 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0
+    for n in range(load.size):
         if inertia[n] != same:
+            if n:
+                v *= same / inertia[n]
             same = inertia[n]
             w = np.sqrt(stiffness / same)
-            decay = 0.5 * damping / same
+            decay, damping = zeta * w, 2.0 * zeta * same * w
             damped = np.sqrt(max(w * w - decay * decay, 1e-6 * w * w))
             co, si, shrink = np.cos(damped * dt), np.sin(damped * dt), np.exp(-decay * dt)
-        goal = 0.5 * (load[n] + load[n - 1]) / stiffness
-        e = d - goal
-        a = (v + decay * e) / damped
-        e, v = (
-            shrink * (e * co + a * si),
-            shrink * (v * co - (decay * v + w * w * e) / damped * si),
-        )
-        d = goal + e
-        effort[n] = stiffness * d + damping * v
-        rate[n] = v
-    return effort, rate
+        if n:
+            goal = 0.5 * (load[n] + load[n - 1]) / stiffness
+            e = d - goal
+            a = (v + decay * e) / damped
+            e, v = (
+                shrink * (e * co + a * si),
+                shrink * (v * co - (decay * v + w * w * e) / damped * si),
+            )
+            d = goal + e
+        out[0, n], out[1, n], out[2, n] = stiffness * d + damping * v, d, v
 
 
 @numba.njit(cache=True, nogil=True)
@@ -87,19 +120,20 @@ def softened(
     dt: float,
     stretch: float,
     tension: float,
-    lag: float,
+    lag: FloatArray,
     friction: float,
     slow: float,
     parts: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Effort that a cable passes which is soft about zero tension, instead of `load`, (n,).
 
-    Besides it, the stretch d and its second derivative d'', (n,) each.
+    Besides it, the stretch d and its derivatives d' and d'', (n,) each.
 
     As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
     damping that grows as the stiffness does (a loss within the cable):
 
-        I d'' + P = L,    P = T + c T',    d = s T / (T0 + |T|),    L = load + F sat((v - d') / v0)
+        (I d')' + P = L,    P = T + c T',    d = s T / (T0 + |T|),
+        L = load + F sat((v - d') / v0)
 
     with s = `stretch`, T0 = `tension`, c = `lag` and sat x = min(max(x, -1), 1).  Each sample is
     gone in `parts` steps h of the backward formula x' = (x - e) / g, e = (4 x_1 - x_2) / 3,
@@ -108,8 +142,9 @@ def softened(
 
         d + w T = r,    w = g (g + c) / I,    r = e_d + g e_v + g (g L + c e_T) / I,
 
-    a quadratic equation in T.  What is passed at a sample is L - I d'' with d' from the sample
-    before to the one after it, so that no blow between two of them is lost.
+    a quadratic equation in T; between two samples I d' stays.  What is passed at a sample is
+    L - (I d')' with d' from the sample before to the one after it, so that no blow between two of
+    them is lost.
     """
     out, rates, second = np.empty(load.size), np.zeros(load.size), np.zeros(load.size)
     stretched = np.empty(load.size)
@@ -120,15 +155,16 @@ def softened(
     g, step, third = 2.0 * dt / (3.0 * parts), 1.0 / parts, 1.0 / 3.0
     rate, sharp = 1.0 / g, 1.0 / slow
     for n in range(1, load.size):
-        per = g / inertia[n]
-        w, rise, pull = per * (g + lag), (load[n] - load[n - 1]) * step, load[n - 1]
+        turn, per = inertia[n - 1] / inertia[n], g / inertia[n]
+        v, v_past = v * turn, v_past * turn
+        w, rise, pull = per * (g + lag[n]), (load[n] - load[n - 1]) * step, load[n - 1]
         for _ in range(parts):
             pull += rise
             own = pull
             if friction > 0.0:
                 own += friction * min(max((speed[n] - v) * sharp, -1.0), 1.0)
             before, start = (4.0 * t - t_past) * third, (4.0 * d - d_past) * third
-            r = start + g * third * (4.0 * v - v_past) + per * (g * own + lag * before)
+            r = start + g * third * (4.0 * v - v_past) + per * (g * own + lag[n] * before)
             # w T^2 + (w T0 + s - |r|) |T| = |r| T0, by the form that does not cancel
             size = abs(r)
             b = w * tension + stretch - size
@@ -141,8 +177,8 @@ def softened(
         out[n], rates[n], stretched[n] = own, v, d
     for n in range(1, load.size - 1):
         second[n] = (rates[n + 1] - rates[n - 1]) / (2.0 * dt)
-        out[n] -= inertia[n] * second[n]
-    return out, stretched, second
+        out[n] -= (inertia[n + 1] * rates[n + 1] - inertia[n - 1] * rates[n - 1]) / (2.0 * dt)
+    return out, stretched, rates, second
 
 
 @numba.njit(cache=True, nogil=True)

@@ -24,6 +24,9 @@ class Response(Protocol):
     def gradient(self) -> FloatArray:
         """Derivative of tau_i by q_j at rest, shape (n, d, d)."""
 
+    def coriolis(self, j: int) -> FloatArray:
+        """Derivative of tau_i by joint j's speed, of masses alone, shape (n, d)."""
+
     @property
     def damping(self) -> FloatArray:
         """Viscous coefficient of each joint, shape (d,)."""

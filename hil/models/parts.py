@@ -50,6 +50,9 @@ class Param:
     size : bool
         Whether a shape value is a size (a time, a width, a frequency): one that is less than its
         standard error is not determined, and nothing is named by it.
+    tuned : bool
+        Whether a further shape value goes to the joint optimum with everything else, where it is
+        not zero (which stands for: not there); the first one of a range always does.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Param:
     codes: tuple[tuple[float, str], ...] = ()
     choice: bool = False
     size: bool = False
+    tuned: bool = False
 
     def words(self, value: float, joints: tuple[str, ...] = ()) -> str:
         """Words for a value; empty where the number says all.

@@ -44,6 +44,7 @@ from hil.models.effect import (
     Trait,
     Twin,
     log_grid,
+    motor_inertias,
 )
 from hil.models.kernels import softened, sprung
 from hil.models.motion import FloatArray, Motion
@@ -53,34 +54,45 @@ LONGEST = 2e-3
 
 
 def passing(
-    motion: Motion, j: int, soft: tuple[float, float], lag: float, rub: float
+    motion: Motion,
+    j: int,
+    soft: tuple[float, float],
+    lag: FloatArray,
+    rub: float,
+    own: float = 0.0,
 ) -> FloatArray:
     """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, d, 1)."""
-    load, speed = carried(motion, j), np.ascontiguousarray(motion.qd[:, j])
+    load, speed = carried(motion, j, own), np.ascontiguousarray(motion.qd[:, j])
     slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
-    inertia = link_inertia(motion, j)
+    inertia = link_inertia(motion, j, own)
     passed, *moved = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
     out = felt(motion, j, *moved)
     out[:, j] = passed - load - rub * np.clip(speed / slow, -1.0, 1.0)
     return out[:, :, None]
 
 
-def felt(motion: Motion, j: int, stretch: FloatArray, second: FloatArray) -> FloatArray:
+def felt(
+    motion: Motion, j: int, stretch: FloatArray, rate: FloatArray, second: FloatArray
+) -> FloatArray:
     """What the other joints feel of a link that is not where the motor is, (n, d).
 
-    To first order -(M_ij d'' + G_ij d) for a stretch d and its second derivative: the link of
+    To first order -(M_ij d'' + D_ij d' + G_ij d) for a stretch d and its derivatives: the link of
     joint j is at q_j - d.  Nothing where joint j alone is asked for.
     """
     if motion.response is None or motion.d == 1 or motion.lone:
         return np.zeros((motion.n, motion.d))
     inertia, gradient = motion.response.inertia[:, :, j], motion.response.gradient[:, :, j]
-    out: FloatArray = -(inertia * second[:, None] + gradient * stretch[:, None])
-    return out
+    turning = motion.response.coriolis(j)
+    out: FloatArray = inertia * second[:, None]
+    out += turning * rate[:, None]
+    out += gradient * stretch[:, None]
+    return -out
 
 
-def carried(motion: Motion, j: int) -> FloatArray:
-    """Load behind the transmission (n,)."""
-    return np.ascontiguousarray(motion.load[:, j])
+def carried(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
+    """Load behind the transmission (n,), without the motor's inertia that the masses hold."""
+    load = motion.load[:, j]
+    return np.ascontiguousarray(load - own * motion.qdd[:, j] if own else load)
 
 
 def load_size(motion: Motion, j: int) -> float:
@@ -88,12 +100,15 @@ def load_size(motion: Motion, j: int) -> float:
     return float(np.std(carried(motion, j))) or 1.0
 
 
-def link_inertia(motion: Motion, j: int) -> FloatArray:
-    """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration."""
+def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
+    """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration.
+
+    `own` of it is the motor's.
+    """
     if motion.response is not None:
-        own = motion.response.inertia[:, j, j] - motion.response.rotor[j]
-        if np.min(own) > 0:
-            return np.ascontiguousarray(own)
+        link = motion.response.inertia[:, j, j] - motion.response.rotor[j] - own
+        if np.min(link) > 0:
+            return np.ascontiguousarray(link)
     slope = float(np.std(carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
     return np.full(motion.n, max(slope, 1e-12))
 
@@ -102,7 +117,7 @@ _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
 ZETAS = (0.1, 0.3)
 #: ... and once a resonance is found.
-MORE_ZETAS = (*ZETAS, 0.02, 0.05, 0.15, 0.5, 0.8)
+MORE_ZETAS = (*ZETAS, 0.02, 0.005, 0.05, 0.15, 0.5, 0.8)
 #: Damping ratio from which on a mass on a spring loses five sixths of its swing at each one.
 SWINGING = 0.5
 #: Lowest resonance tried [Hz], and the step to the next in half-power widths 2 zeta f.
@@ -142,16 +157,26 @@ MORE_FRICTIONS, CLOSER = (*FRICTIONS, 0.4, 0.7), 1.25
 STRAIGHT = 1e4
 #: Tension that takes up half a play, in the same units: next to none.
 HARD = 3e-3
+#: Range of a link's inertia over its mean from which on it is not the same everywhere.
+VARIES = 0.1
 #: Times in which a flank is relieved that are tried [s], the usual one first.
 LAGS = (0.01, 0.003, 0.0055)
 
 
-def spring(motion: Motion, j: int, shape: Sequence[float]) -> tuple[float, float, FloatArray]:
-    """Stiffness and damping for a resonance f (at the mean inertia) and zeta, and the inertia."""
-    f, zeta = float(shape[0]), float(shape[1])
-    inertia = link_inertia(motion, j)
-    mean, w = float(np.mean(inertia)), 2 * np.pi * f
-    return w * w * mean, 2 * zeta * w * mean, inertia
+def stiffness(motion: Motion, j: int, f: float) -> float:
+    """Stiffness of a spring for a resonance f [Hz] with the motor held, at the mean inertia."""
+    return (2 * np.pi * f) ** 2 * float(np.mean(link_inertia(motion, j)))
+
+
+def resonance(motion: Motion, j: int, k: float, own: float = 0.0) -> float:
+    """Resonance [Hz] of a stiffness with the motor held, at the mean inertia."""
+    return float(np.sqrt(k / np.mean(link_inertia(motion, j, own)))) / (2 * np.pi)
+
+
+def lag_of(inertia: FloatArray, k: float, zeta: float) -> FloatArray:
+    """Damping over the stiffness c / k = 2 zeta sqrt(I / k) (n,) [s]."""
+    out: FloatArray = 2 * zeta * np.sqrt(inertia / k)
+    return out
 
 
 def _resonance_grid(motion: Motion, j: int) -> Shapes:
@@ -166,7 +191,11 @@ def _resonance_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
 
 def _rings(f: Fitted) -> bool:
     """Within the band, and ringing: beyond a damping ratio of 0.7 a resonance has no peak."""
-    return f.shape[1] < max(MORE_ZETAS) and inside(f.motion, f.shape[0])
+    return _ringing(f.motion, *f.shape[:2])
+
+
+def _ringing(motion: Motion, f: float, zeta: float) -> bool:
+    return zeta < max(MORE_ZETAS) and inside(motion, f)
 
 
 RINGS = Limit("resonance", _rings)
@@ -177,7 +206,7 @@ class _Resonance(Effect):
 
     shape: ClassVar[tuple[Param, ...]] = (
         Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0, size=True),
-        Param("zeta", "1", "damping ratio", 0.0, 1.0),
+        Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),
     )
     search = Grid(_resonance_grid, across=_resonance_across, rounds=2)
     limits: ClassVar[tuple[Limit, ...]] = (RINGS, STRICT)
@@ -186,20 +215,42 @@ class _Resonance(Effect):
 
 def _elastic_transmission_grid(motion: Motion, j: int) -> Shapes:
     """Resonances and damping ratios, without friction of the link."""
-    return [(f, z, 0.0) for f, z in _resonance_grid(motion, j)]
+    return [(stiffness(motion, j, f), z, 0.0, 0.0) for f, z in _resonance_grid(motion, j)]
 
 
 def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
-    """Damping ratios, then frictions of the link, one of them changed at a time."""
-    f, zeta, rub = shape
+    """Damping ratios, frictions of the link, inertias of the motor; one changed at a time."""
+    k, zeta, rub, own = shape
     size = load_size(motion, j)
     near = [rub / CLOSER, rub * CLOSER] if rub else []
     frictions = [0.0, *(r * size for r in MORE_FRICTIONS), *near]
-    return [*((f, z, rub) for z in MORE_ZETAS), *((f, zeta, r) for r in frictions)]
+    rotors = [x for x in motor_inertias(motion, j, own) if _leaves_a_link(motion, j, x)]
+    return [
+        *((k, z, rub, own) for z in MORE_ZETAS),
+        *((k, zeta, r, own) for r in frictions),
+        *((k, zeta, rub, x) for x in rotors),
+    ]
+
+
+def _leaves_a_link(motion: Motion, j: int, own: float) -> bool:
+    """Whether an inertia of the motor leaves the link one, and the link's changes at all.
+
+    One that is the same everywhere is told from the motor's by the share `a`.
+    """
+    if motion.response is None:
+        return False
+    link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
+    return bool(np.ptp(link) > VARIES * np.mean(link) and own < np.min(link))
 
 
 #: What `fl` is: the friction acts as the load does, by the share that lies behind the spring.
 _RUBS = "Coulomb friction behind the spring, over the share a"
+
+
+def _elastic_transmission_rings(f: Fitted) -> bool:
+    """Within the band, and ringing."""
+    k, zeta, _, own = f.shape
+    return _ringing(f.motion, resonance(f.motion, f.j, k, own), zeta)
 
 
 def _elastic_transmission_carries(f: Fitted) -> bool:
@@ -222,8 +273,9 @@ class ElasticTransmission(_Resonance):
     name, family = "elastic-transmission", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (T - load - fl sgn v),  I d'' + T = load + fl sgn(v - d'),  "
-            "T = k d + c d',  k = (2 pi f)^2 I,  c = 2 zeta sqrt(k I)"
+            "tau = a (T - load - fl sgn v),  (I d')' + T = load + fl sgn(v - d'),  "
+            "T = k d + c d',  c = 2 zeta sqrt(k I);  "
+            "load and the link's inertia I without the motor's inertia i"
         ),
         signature="residual grows with frequency towards a resonance, and rings after reversals",
         confused_with=("vibration-mode", "hardening-cable", "armature"),
@@ -231,23 +283,35 @@ class ElasticTransmission(_Resonance):
         source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
     )
     params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
-    shape = (*_Resonance.shape, Param("fl", "{F}", _RUBS, 0.0))
+    shape = (
+        Param("k", "{F}/{x}", "stiffness", 0.0, size=True),
+        Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),
+        Param("fl", "{F}", _RUBS, 0.0, tuned=True),
+        Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses", tuned=True),
+    )
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
-    search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=2)
+    search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=4)
     scope = Scope(Of.JOINTS, sought_alone=True)
-    limits = (Limit("share", _elastic_transmission_carries), RINGS, STRICT)
+    limits = (
+        Limit("share", _elastic_transmission_carries),
+        Limit("resonance", _elastic_transmission_rings),
+        STRICT,
+    )
     traits = Trait.LOAD | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the spring, less the load, and what that does to others."""
-        k, c, inertia = spring(motion, j, shape)
-        if rub := float(shape[2]):
+        k, zeta, rub, own = map(float, shape)
+        inertia = link_inertia(motion, j, own)
+        if rub:
             # a spring that no load makes stiffer
             tension = STRAIGHT * load_size(motion, j)
-            return passing(motion, j, (tension / k, tension), c / k, rub)
-        load = carried(motion, j)
-        passed, rate = sprung(load, inertia, motion.dt, k, c)
-        out = felt(motion, j, (passed - c * rate) / k, (load - passed) / inertia)
+            lag = lag_of(inertia, k, zeta)
+            return passing(motion, j, (tension / k, tension), lag, rub, own)
+        load = carried(motion, j, own)
+        passed, stretch, rate = sprung(load, inertia, motion.dt, k, zeta)
+        grows = np.gradient(inertia, motion.dt)
+        out = felt(motion, j, stretch, rate, (load - passed - grows * rate) / inertia)
         out[:, j] = passed - load
         return out[:, :, None]
 
@@ -278,7 +342,7 @@ class Backlash(Effect):
     name, family = "backlash", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
+            "tau = a (P - L),  L = load + fl sgn(v - d'),  (I d')' + P = L,  P = T + c T',  "
             "T = 0 for |d| < b / 2, whatever is needed at the flanks"
         ),
         signature="the load is missing over a fixed displacement after it changes its sign",
@@ -307,7 +371,8 @@ class Backlash(Effect):
         """What passes the play, less the load."""
         width, rub, lag = map(float, shape)
         # a cable that a load next to nothing stretches by half the play, and no load by more
-        return passing(motion, j, (0.5 * width, HARD * load_size(motion, j)), lag, rub)
+        soft = 0.5 * width, HARD * load_size(motion, j)
+        return passing(motion, j, soft, np.full(motion.n, lag), rub)
 
 
 def _vibration_mode_swings(f: Fitted) -> bool:
@@ -339,8 +404,8 @@ class VibrationMode(_Resonance):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """(H - 1) qdd."""
         w, qdd = 2 * np.pi * float(shape[0]), np.ascontiguousarray(motion.qdd[:, j])
-        # unit mass: k = w^2, c = 2 zeta w
-        passed, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, 2 * float(shape[1]) * w)
+        # unit mass: k = w^2
+        passed, _, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, float(shape[1]))
         return (passed - qdd)[:, None]
 
 
@@ -364,25 +429,26 @@ def _hardening_cable_grid(motion: Motion, j: int) -> Shapes:
     out: Shapes = []
     for t, step in TENSIONS.items():
         some = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(step))))
-        out += [(float(f), t * size, CABLE_ZETA, RUB * size) for f in some]
+        out += [(stiffness(motion, j, f), t * size, CABLE_ZETA, RUB * size) for f in some.tolist()]
     return out
 
 
 def _hardening_cable_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Tensions, then dampings and frictions of the link, one of them changed at a time."""
-    f, tension, zeta, rub = shape
+    k, tension, zeta, rub = shape
     size = load_size(motion, j)
     return [
-        *((f, t * size, zeta, rub) for t in MORE_TENSIONS),
-        *((f, tension, z, rub) for z in CABLE_ZETAS),
-        *((f, tension, zeta, r * size) for r in (0.0, *FRICTIONS)),
+        *((k, t * size, zeta, rub) for t in MORE_TENSIONS),
+        *((k, tension, z, rub) for z in CABLE_ZETAS),
+        *((k, tension, zeta, r * size) for r in (0.0, *FRICTIONS)),
     ]
 
 
 def _hardening_cable_between(f: Fitted) -> bool:
     """Neither all of the motion in its soft range nor next to nothing, and much behind it."""
     low, high = (t * load_size(f.motion, f.j) for t in (MORE_TENSIONS[0], MORE_TENSIONS[-1]))
-    between = 1.05 * low < f.shape[1] < 0.95 * high and inside(f.motion, f.shape[0])
+    rings = inside(f.motion, resonance(f.motion, f.j, f.shape[0]))
+    between = 1.05 * low < f.shape[1] < 0.95 * high and rings
     return between and f.beta[0] > LOAD_SHARE
 
 
@@ -392,8 +458,8 @@ class HardeningCable(Effect):
     name, family = "hardening-cable", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (P - L),  L = load + fl sgn(v - d'),  I d'' + P = L,  P = T + c T',  "
-            "d = (T / k0) / (1 + |T| / T0),  k0 = (2 pi f)^2 I,  c = zeta / (pi f)"
+            "tau = a (P - L),  L = load + fl sgn(v - d'),  (I d')' + P = L,  P = T + c T',  "
+            "d = (T / k0) / (1 + |T| / T0),  c = 2 zeta sqrt(I / k0)"
         ),
         signature=(
             "the load comes late and rings after it changes its sign, the less the larger it is"
@@ -408,7 +474,7 @@ class HardeningCable(Effect):
     )
     params = (Param("a", "1", "share of the load that the cable carries", 0.0, 2.0),)
     shape = (
-        Param("f", "Hz", "resonance about zero tension with the motor held", 0.0, size=True),
+        Param("k0", "{F}/{x}", "stiffness about zero tension", 0.0, size=True),
         Param("T0", "{F}", "tension at which it is four times as stiff as at zero", 0.0),
         Param("zeta", "1", "damping ratio about zero tension", 0.0),
         Param("fl", "{F}", "Coulomb friction behind the cable", 0.0),
@@ -421,8 +487,9 @@ class HardeningCable(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the cable, less the load."""
-        tension, (k, c, _) = float(shape[1]), spring(motion, j, (shape[0], shape[2]))
-        return passing(motion, j, (tension / k, tension), c / k, float(shape[3]))
+        k, tension, zeta, rub = map(float, shape)
+        lag = lag_of(link_inertia(motion, j), k, zeta)
+        return passing(motion, j, (tension / k, tension), lag, rub)
 
 
 EFFECTS = (

@@ -122,6 +122,10 @@ class _Stiff:
         )
         self._n, self._d = n, d
 
+    def coriolis(self, j: int) -> FloatArray:
+        """Of an inertia that is the same everywhere."""
+        return np.zeros((self._n, self._d))
+
     def unslipped(self, j: int) -> FloatArray:
         """A jump in the middle."""
         out = np.zeros((self._n, self._d))

@@ -25,6 +25,24 @@ def test_a_soft_belt_is_named_on_its_joint_and_felt_by_the_others():
     assert all(after < 1.2 * found.noise)
 
 
+def test_a_spring_is_as_stiff_in_another_run_in_another_posture():
+    """Its rotor is no part of the description, and what swings on it changes with the posture."""
+    homes = ((0.0, 0.2, 0.3), (0.0, -0.6, 1.6))
+    first, second = (
+        plants.spatial(k, belt=60.0, driven=0, home=home) for k, home in enumerate(homes, start=1)
+    )
+    alone, both = (
+        diagnose(runs, base_model(first.robot), held)
+        for runs, held in (([first], [second]), ([second], [first]))
+    )
+    for found in (alone, both):
+        assert [(f.effect, f.joint) for f in found.findings] == [("elastic-transmission", "base")]
+        values = found.findings[0].parameters
+        assert values["j1.elastic-transmission.k"].value == pytest.approx(60.0, rel=0.05)
+        before, after = found.ladder[0].heldout.rms, found.explained.heldout.rms
+        assert all(after < 0.35 * before)
+
+
 def test_a_base_on_a_slope_is_named_with_its_angle():
     found = _answer(tilt=(0.10, -0.06))
     assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]

@@ -5,7 +5,7 @@ import plants
 import pytest
 
 from hil.identify.design import Term
-from hil.identify.fit import complete, fit, jacobian
+from hil.identify.fit import complete, derivative, fit
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult
@@ -79,7 +79,7 @@ def test_jacobian_is_the_derivative_of_the_columns(effect: str) -> None:
     k = next(i for i, t in enumerate(result.terms) if t.effect.name == effect)
     where = result.slices[k]
     theta = np.ones_like(result.theta)
-    got = jacobian(result.problem, result.terms, theta, result.slices, k)
+    got = derivative(result.problem, result.terms, theta, result.slices, k, 0)
     term, h = result.terms[k], 1e-5 * result.terms[k].shape[0]
 
     def columns(s: float) -> np.ndarray:
@@ -96,7 +96,8 @@ def test_jacobian_of_the_sign_resolution_holds_what_refers_to_it() -> None:
     alone = np.array([float(n == "j1.coulomb.fc") for n in result.names])
     both = alone + np.array([float(n == "j1.stribeck.fs") for n in result.names])
     one, two = (
-        jacobian(result.problem, result.terms, theta, result.slices, k) for theta in (alone, both)
+        derivative(result.problem, result.terms, theta, result.slices, k, 0)
+        for theta in (alone, both)
     )
     np.testing.assert_allclose(two, 2 * one, rtol=0.1, atol=0.02 * np.abs(one).max())
 

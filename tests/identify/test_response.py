@@ -1,0 +1,37 @@
+"""How the effort of a model answers small errors of the motion: against differences of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import plants
+import pytest
+
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.models.model import base_model
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    run = plants.spatial(1, seconds=8.0)
+    model = base_model(run.robot)
+    return fit(Problem([run], model.robot), model)
+
+
+@pytest.mark.parametrize("j", range(3))
+def test_coriolis_is_the_derivative_of_what_masses_ask_for_by_a_speed(fitted, j):
+    problem = fitted.problem
+    motion, step = problem.motions[0], 1e-3 * np.eye(3)[j]
+    body, theta = next(
+        (t, fitted.theta[s])
+        for t, s in zip(fitted.terms, fitted.slices, strict=True)
+        if t.effect.name == "rigid-body"
+    )
+    up, down = (
+        body.effect.columns(replace(motion, qd=motion.qd + x, response=None), 0, ()) @ theta
+        for x in (step, -step)
+    )
+    expected = (up - down) / 2e-3
+    assert np.max(np.abs(expected)) > 0.05
+    got = motion.response.coriolis(j)
+    assert np.max(np.abs(got - expected)) < 0.02 * np.max(np.abs(expected))
