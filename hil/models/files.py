@@ -8,13 +8,16 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tomllib
+from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
+from hil.models.effect import Effect
 from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value, in_words
 from hil.record.recording import RobotSource
 from hil.userfile import parse_toml, read_text, write_text
@@ -198,8 +201,24 @@ def _use(entry: Any) -> Use:
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, dict):
         raise ConfigError(f"{what}: parameters must be a table of names with values")
+    _known(effect, parameters)
     values = {name: _value(name, v) for name, v in parameters.items()}
     return Use(effect.name, _joints(entry.get("joints", "all"), what), options, values)
+
+
+def _known(effect: Effect, names: Iterable[str]) -> None:
+    """Refuse values that an effect does not have: of a slip, or of an earlier version."""
+    if effect.scope.terms is not None:  # they are the robot's
+        return
+    own = [p.name for p in (*effect.params, *effect.shape)]
+    full = re.compile(rf"(?:j\d+\.)?{re.escape(effect.name)}\.(\w+)(?:\[.*)?")
+    for name in names:
+        found = full.fullmatch(name)
+        if found and found[1] not in own:
+            raise ConfigError(
+                f"effect {effect.name!r} has no value {found[1]!r} ({name}), it has {', '.join(own)}; "
+                "delete the line and fit the model again with 'hil fit'"
+            )
 
 
 def _joints(joints: Any, what: str) -> tuple[str, ...]:

@@ -296,3 +296,14 @@ def test_a_bad_plugin_is_named(text: str, message: str, tmp_path: Path, agreed) 
     (tmp_path / "m.toml").write_text(f'plugins = ["own.py"]\n{HEAD}{COULOMB}')
     with pytest.raises(ConfigError, match=message):
         read_model(tmp_path / "m.toml")
+
+
+def test_a_value_that_an_effect_does_not_have_is_refused_with_those_it_has(tmp_path):
+    text = (
+        'schema = "hil.model/1"\n[robot]\n[[effects]]\ntype = "elastic-transmission"\n'
+        'joints = ["a"]\n[effects.parameters]\n"j1.elastic-transmission.f" = 7.0\n'
+    )
+    file = tmp_path / "old.toml"
+    file.write_text(text, "utf-8")
+    with pytest.raises(ConfigError, match=r"has no value 'f' .*it has a, k, zeta, fl, i;"):
+        read_model(file)
