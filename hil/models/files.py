@@ -216,8 +216,8 @@ def _known(effect: Effect, names: Iterable[str]) -> None:
         found = full.fullmatch(name)
         if found and found[1] not in own:
             raise ConfigError(
-                f"effect {effect.name!r} has no value {found[1]!r} ({name}), it has {', '.join(own)}; "
-                "delete the line and fit the model again with 'hil fit'"
+                f"effect {effect.name!r} has no value {found[1]!r} ({name}), "
+                f"it has {', '.join(own)}; delete the line and fit again with 'hil fit'"
             )
 
 
