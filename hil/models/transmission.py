@@ -163,9 +163,9 @@ VARIES = 0.1
 LAGS = (0.01, 0.003, 0.0055)
 
 
-def stiffness(motion: Motion, j: int, f: float) -> float:
+def stiffness(motion: Motion, j: int, f: float, own: float = 0.0) -> float:
     """Stiffness of a spring for a resonance f [Hz] with the motor held, at the mean inertia."""
-    return (2 * np.pi * f) ** 2 * float(np.mean(link_inertia(motion, j)))
+    return (2 * np.pi * f) ** 2 * float(np.mean(link_inertia(motion, j, own)))
 
 
 def resonance(motion: Motion, j: int, k: float, own: float = 0.0) -> float:
@@ -221,26 +221,28 @@ def _elastic_transmission_grid(motion: Motion, j: int) -> Shapes:
 def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Damping ratios, frictions of the link, inertias of the motor; one changed at a time."""
     k, zeta, rub, own = shape
-    size = load_size(motion, j)
+    size, f = load_size(motion, j), resonance(motion, j, k, own)
     near = [rub / CLOSER, rub * CLOSER] if rub else []
     frictions = [0.0, *(r * size for r in MORE_FRICTIONS), *near]
     rotors = [x for x in motor_inertias(motion, j, own) if _leaves_a_link(motion, j, x)]
     return [
         *((k, z, rub, own) for z in MORE_ZETAS),
         *((k, zeta, r, own) for r in frictions),
-        *((k, zeta, rub, x) for x in rotors),
+        # the resonance shows: it stays, and the stiffness changes with what swings on it
+        *((stiffness(motion, j, f, x), zeta, rub, x) for x in rotors),
     ]
 
 
 def _leaves_a_link(motion: Motion, j: int, own: float) -> bool:
-    """Whether an inertia of the motor leaves the link one, and the link's changes at all.
+    """Whether an inertia of the motor leaves the link one, and is told from the share `a`.
 
-    One that is the same everywhere is told from the motor's by the share `a`.
+    It is where the link's inertia changes, or a weight hangs on the spring, too.
     """
     if motion.response is None:
         return False
     link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
-    return bool(np.ptp(link) > VARIES * np.mean(link) and own < np.min(link))
+    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.static[:, j])
+    return bool(told and own < np.min(link))
 
 
 #: What `fl` is: the friction acts as the load does, by the share that lies behind the spring.
