@@ -114,8 +114,8 @@ def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
     if ratios[j] <= ADEQUATE:
         return ""
     return (
-        f"With these effects the error of {joints[j]} is still {ratios[j]:.2f} times the noise "
-        "floor. No further effect passes every test."
+        f"With the named effects alone the error of {joints[j]} is still {ratios[j]:.2f} times the "
+        "noise floor. No further effect passes every test."
     )
 
 
