@@ -49,10 +49,6 @@ FloatArray = NDArray[np.float64]
 # ------------------------------------------------------------ rivals
 
 
-#: Share of a column's length, or of the largest direction's, below which it is not new.
-NEW_SHARE = 1e-3
-
-
 def overlap(a: Candidate, b: Candidate, projector: Projector) -> float:
     """How well the poorer candidate is imitated by the richer one, after projection off the base.
 
@@ -73,9 +69,9 @@ def _projected(c: Candidate, projector: Projector) -> FloatArray:
     full -= projector.spanned(projector.inner(slice(0, len(full)), full))
     norm = np.linalg.norm(full, axis=0)
     # a column that the base holds leaves rounding, which is no direction of the candidate
-    new = norm > NEW_SHARE * size
+    new = norm > 1e-3 * size
     u, s, _ = decomposed(full[:, new] / norm[new])
-    return np.asarray(u[:, s > NEW_SHARE], dtype=np.float64)
+    return np.asarray(u[:, s > 1e-3], dtype=np.float64)
 
 
 def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:

@@ -277,7 +277,7 @@ class ElasticTransmission(_Resonance):
         equation=(
             "tau = a (T - load - fl sgn v),  (I d')' + T = load + fl sgn(v - d'),  "
             "T = k d + c d',  c = 2 zeta sqrt(k I);  "
-            "load and the link's inertia I without the motor's inertia i"
+            "d and T: stretch and tension; load and the link's inertia I without the motor's i"
         ),
         signature="residual grows with frequency towards a resonance, and rings after reversals",
         confused_with=("vibration-mode", "hardening-cable", "armature"),
@@ -286,7 +286,7 @@ class ElasticTransmission(_Resonance):
     )
     params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
     shape = (
-        Param("k", "{F}/{x}", "stiffness", 0.0, size=True),
+        Param("k", "{F}/{x}", "stiffness of the spring", 0.0, size=True),
         Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),
         Param("fl", "{F}", _RUBS, 0.0, tuned=True),
         Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses", tuned=True),
