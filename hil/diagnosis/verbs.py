@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.recording import Recording
-from hil.shown import Plotted
+from hil.shown import Plotted, Shown
 
 FloatArray = NDArray[np.float64]
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
@@ -238,6 +239,23 @@ class Rung:
         return f"Rung({self.step.label}: held-out error {one} %, simulated error {several} %)"
 
 
+class _BeforeAndAfter(NamedTuple):
+    """Two rungs of a ladder."""
+
+    before: Rung
+    after: Rung
+
+
+class Added(Shown, _BeforeAndAfter):
+    """The models before and after an effect was added: a pair; printed, a table of their errors."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        was, now = (", ".join(f"{x:.2f}" for x in rung.step.heldout.relative) for rung in self)
+        return f"Added({self.after.step.label}: held-out error {was} -> {now} %)"
+
+
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
     """Every accepted step with its simulated error (motor efforts only)."""
@@ -256,8 +274,13 @@ def add(
     effect: str,
     joints: str | tuple[str, ...] = ("*",),
     holdout: Runs | None = None,
-) -> tuple[Rung, Rung]:
+) -> Added:
     """Add one effect, refit everything, and return the model before and after.
+
+    Returns
+    -------
+    Added
+        A pair of rungs, ``before, after = hil.add(...)``; printed, a table.
 
     Raises
     ------
@@ -285,7 +308,7 @@ def add(
     after = replace(after, warnings=[*after.warnings, *examine.own(after)])
     steps = (before, Step(f"+ {effect}{where}", after, examine(after)))
     first, second = each([s.result for s in steps], problem)
-    return Rung(steps[0], first), Rung(steps[1], second)
+    return Added(Rung(steps[0], first), Rung(steps[1], second))
 
 
 def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from hil import terminal
 from hil.diagnosis.types import Diagnosis, Finding
-from hil.diagnosis.verbs import Comparison
+from hil.diagnosis.verbs import Added, Comparison
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, Value, in_words, without_error
@@ -131,6 +131,21 @@ def _(shown: FitResult) -> Sheet:
     lines = (f"error of the fitted data, rms residual over rms effort: {errors}",)
     rows = [_parameter(n, v, tuple(joints)) for n, v in shown.values.items()]
     return Sheet(f"FitResult of {_runs(shown)}", lines, PARAMETERS, rows)
+
+
+@sheet.register
+def _(shown: Added) -> Sheet:
+    before, after = shown
+    errors = [r.step.heldout.relative for r in shown] + [r.multi_step.relative for r in shown]
+    joints = after.step.result.problem.joints
+    rows: list[list[Cell]] = [
+        [joint, *(float(x) for x in each)] for joint, *each in zip(joints, *errors, strict=True)
+    ]
+    new = {n: v for n, v in after.step.result.values.items() if n not in before.step.result.values}
+    values = ", ".join(f"{n} = {v.value:.4g} {v.unit}".removesuffix(" 1") for n, v in new.items())
+    lines = (f"new: {values}",) if values else ()
+    head = ("joint", "error % before", "after", "simulated % before", "after, simulated")
+    return Sheet(f"Added {after.step.label}", lines, head, rows)
 
 
 @sheet.register

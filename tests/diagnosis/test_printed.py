@@ -27,6 +27,17 @@ def test_results_print_as_one_line(run):
     assert step.startswith("Step(") and max(map(len, (before, after, step))) < 200
 
 
+def test_what_was_added_prints_as_a_table(run):
+    added = hil.add([run], hil.base_model(run.robot), "stribeck")
+    assert repr(added).startswith("Added(+ stribeck: held-out error ") and "->" in repr(added)
+    first, *rest = str(added).splitlines()
+    assert first == "Added + stribeck" and "j1.stribeck.fs = " in rest[0]
+    assert "error % before" in str(added) and "joint1" in rest[-1]
+    assert "<table" in added._repr_html_()
+    assert len(added.to_frame()) == run.d
+    assert added.after.step.result.model.names()[-1] == "stribeck"
+
+
 def test_compare_says_that_it_fits_again(run):
     assert "all values fitted to these data" in text(hil.compare([run], hil.base_model(run.robot)))
 
