@@ -1062,6 +1062,7 @@ def spatial(
     offset: float = 0.0,
     tilt: tuple[float, float] = (0.0, 0.0),
     belt: float = 0.0,
+    play: float = 0.0,
     driven: int = 1,
     rotor: float = ROTOR,
     home: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -1069,7 +1070,8 @@ def spatial(
     """Random band-limited motion; effort = rnea + Coulomb and viscous friction + noise.
 
     With `tilt` the base is turned about its x and y axes [rad]; with `belt` joint number `driven`
-    is driven over a spring [N m/rad] by a motor with a rotor and an encoder of its own.
+    is driven over a spring [N m/rad], with `play` over a play [rad] whose flanks take 0.1 N m to
+    reach, by a motor with a rotor and an encoder of its own.
     """
     rng, fs = np.random.default_rng(seed), 500.0
     t = np.arange(int(seconds * fs)) / fs
@@ -1080,8 +1082,9 @@ def spatial(
     model = pin.buildModelFromXML(spatial_urdf())
     model.gravity.linear = pin.exp3(np.array([*tilt, 0.0])).T @ model.gravity.linear
     tau = _rnea(model, (q, qd, qdd))
-    if belt:
-        q[:, driven] += tau[:, driven] / belt
+    if belt or play:
+        load = tau[:, driven]
+        q[:, driven] += load / belt if belt else play / 2 * load / (0.1 + np.abs(load))
         qd[:, driven] = np.gradient(q[:, driven], t)
         tau[:, driven] += rotor * np.gradient(qd[:, driven], t)
     tau += SPATIAL_FC * np.sign(qd) + SPATIAL_FV * qd + NOISE * rng.normal(size=tau.shape) + offset

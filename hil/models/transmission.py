@@ -113,6 +113,20 @@ def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
     return np.full(motion.n, max(slope, 1e-12))
 
 
+def rotors(motion: Motion, j: int, own: float) -> list[float]:
+    """Inertias of the motor that leave the link one, where they are told from the share `a`.
+
+    They are where the link's inertia changes, or a weight hangs on it, too.
+    """
+    if motion.response is None:
+        return []
+    link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
+    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.static[:, j])
+    return [x for x in motor_inertias(motion, j, own) if told and x < np.min(link)]
+
+
+#: The motor's part of the inertia, a value of every law of what lies behind the motor.
+_ROTOR = Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses", tuned=True)
 _SPONG = "Spong, J. Dyn. Syst. Meas. Control 109, 1987"
 #: Damping ratios tried.
 ZETAS = (0.1, 0.3)
@@ -224,25 +238,12 @@ def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float])
     size, f = load_size(motion, j), resonance(motion, j, k, own)
     near = [rub / CLOSER, rub * CLOSER] if rub else []
     frictions = [0.0, *(r * size for r in MORE_FRICTIONS), *near]
-    rotors = [x for x in motor_inertias(motion, j, own) if _leaves_a_link(motion, j, x)]
     return [
         *((k, z, rub, own) for z in MORE_ZETAS),
         *((k, zeta, r, own) for r in frictions),
         # the resonance shows: it stays, and the stiffness changes with what swings on it
-        *((stiffness(motion, j, f, x), zeta, rub, x) for x in rotors),
+        *((stiffness(motion, j, f, x), zeta, rub, x) for x in rotors(motion, j, own)),
     ]
-
-
-def _leaves_a_link(motion: Motion, j: int, own: float) -> bool:
-    """Whether an inertia of the motor leaves the link one, and is told from the share `a`.
-
-    It is where the link's inertia changes, or a weight hangs on the spring, too.
-    """
-    if motion.response is None:
-        return False
-    link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
-    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.static[:, j])
-    return bool(told and own < np.min(link))
 
 
 #: What `fl` is: the friction acts as the load does, by the share that lies behind the spring.
@@ -289,7 +290,7 @@ class ElasticTransmission(_Resonance):
         Param("k", "{F}/{x}", "stiffness of the spring", 0.0, size=True),
         Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),
         Param("fl", "{F}", _RUBS, 0.0, tuned=True),
-        Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses", tuned=True),
+        _ROTOR,
     )
     relations = Relations(twins=(Twin("vibration-mode", _free),), causes=("resonance",))
     search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=4)
@@ -323,14 +324,19 @@ def _backlash_grid(motion: Motion, j: int) -> Shapes:
     span = float(np.ptp(motion.span[j])) or 1.0
     grain = float(motion.grain[j]) if motion.grain.size else 0.0
     widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
-    return [(b, 0.0, LAGS[0]) for (b,) in widths]
+    return [(b, 0.0, LAGS[0], 0.0) for (b,) in widths]
 
 
 def _backlash_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
-    """Frictions of the link, which brakes it in flight: the play then is narrower; flanks."""
-    size, (width, rub, lag) = load_size(motion, j), shape
-    slower = [(k * width, r * size, lag) for r in FRICTIONS for k in (0.7, 0.85, 1.0)]
-    return [(width, 0.0, lag), *slower, *((width, rub, c) for c in LAGS)]
+    """Frictions of the link, which then needs a narrower play; flanks; inertias of the motor."""
+    size, (width, rub, lag, own) = load_size(motion, j), shape
+    slower = [(k * width, r * size, lag, own) for r in FRICTIONS for k in (0.7, 0.85, 1.0)]
+    return [
+        (width, 0.0, lag, own),
+        *slower,
+        *((width, rub, c, own) for c in LAGS),
+        *((width, rub, lag, x) for x in rotors(motion, j, own)),
+    ]
 
 
 def _backlash_carries(f: Fitted) -> bool:
@@ -345,7 +351,8 @@ class Backlash(Effect):
     doc = Doc(
         equation=(
             "tau = a (P - L),  L = load + fl sgn(v - d'),  (I d')' + P = L,  P = T + c T',  "
-            "T = 0 for |d| < b / 2, whatever is needed at the flanks"
+            "T = 0 for |d| < b / 2, whatever is needed at the flanks;  "
+            "load and the link's inertia I without the motor's i"
         ),
         signature="the load is missing over a fixed displacement after it changes its sign",
         confused_with=("hardening-cable", "presliding", "elastic-transmission", "coulomb"),
@@ -362,6 +369,7 @@ class Backlash(Effect):
         Param("b", "{x}", "width of the play", 0.0, size=True),
         Param("fl", "{F}", "Coulomb friction behind the play", 0.0),
         Param("c", "s", "time in which a flank loses what a blow has pressed into it", 0.0),
+        _ROTOR,
     )
     scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(causes=("play",))
@@ -371,10 +379,10 @@ class Backlash(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the play, less the load."""
-        width, rub, lag = map(float, shape)
+        width, rub, lag, own = map(float, shape)
         # a cable that a load next to nothing stretches by half the play, and no load by more
         soft = 0.5 * width, HARD * load_size(motion, j)
-        return passing(motion, j, soft, np.full(motion.n, lag), rub)
+        return passing(motion, j, soft, np.full(motion.n, lag), rub, own)
 
 
 def _vibration_mode_swings(f: Fitted) -> bool:
@@ -431,25 +439,27 @@ def _hardening_cable_grid(motion: Motion, j: int) -> Shapes:
     out: Shapes = []
     for t, step in TENSIONS.items():
         some = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(step))))
-        out += [(stiffness(motion, j, f), t * size, CABLE_ZETA, RUB * size) for f in some.tolist()]
+        other = t * size, CABLE_ZETA, RUB * size, 0.0
+        out += [(stiffness(motion, j, f), *other) for f in some.tolist()]
     return out
 
 
 def _hardening_cable_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Tensions, then dampings and frictions of the link, one of them changed at a time."""
-    k, tension, zeta, rub = shape
-    size = load_size(motion, j)
+    k, tension, zeta, rub, own = shape
+    size, f = load_size(motion, j), resonance(motion, j, k, own)
     return [
-        *((k, t * size, zeta, rub) for t in MORE_TENSIONS),
-        *((k, tension, z, rub) for z in CABLE_ZETAS),
-        *((k, tension, zeta, r * size) for r in (0.0, *FRICTIONS)),
+        *((k, t * size, zeta, rub, own) for t in MORE_TENSIONS),
+        *((k, tension, z, rub, own) for z in CABLE_ZETAS),
+        *((k, tension, zeta, r * size, own) for r in (0.0, *FRICTIONS)),
+        *((stiffness(motion, j, f, x), tension, zeta, rub, x) for x in rotors(motion, j, own)),
     ]
 
 
 def _hardening_cable_between(f: Fitted) -> bool:
     """Neither all of the motion in its soft range nor next to nothing, and much behind it."""
     low, high = (t * load_size(f.motion, f.j) for t in (MORE_TENSIONS[0], MORE_TENSIONS[-1]))
-    rings = inside(f.motion, resonance(f.motion, f.j, f.shape[0]))
+    rings = inside(f.motion, resonance(f.motion, f.j, f.shape[0], f.shape[4]))
     between = 1.05 * low < f.shape[1] < 0.95 * high and rings
     return between and f.beta[0] > LOAD_SHARE
 
@@ -461,7 +471,8 @@ class HardeningCable(Effect):
     doc = Doc(
         equation=(
             "tau = a (P - L),  L = load + fl sgn(v - d'),  (I d')' + P = L,  P = T + c T',  "
-            "d = (T / k0) / (1 + |T| / T0),  c = 2 zeta sqrt(I / k0)"
+            "d = (T / k0) / (1 + |T| / T0),  c = 2 zeta sqrt(I / k0);  "
+            "load and the link's inertia I without the motor's i"
         ),
         signature=(
             "the load comes late and rings after it changes its sign, the less the larger it is"
@@ -480,6 +491,7 @@ class HardeningCable(Effect):
         Param("T0", "{F}", "tension at which it is four times as stiff as at zero", 0.0),
         Param("zeta", "1", "damping ratio about zero tension", 0.0),
         Param("fl", "{F}", "Coulomb friction behind the cable", 0.0),
+        _ROTOR,
     )
     scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(limit="elastic-transmission", causes=("resonance", "play"))
@@ -489,9 +501,9 @@ class HardeningCable(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the cable, less the load."""
-        k, tension, zeta, rub = map(float, shape)
-        lag = lag_of(link_inertia(motion, j), k, zeta)
-        return passing(motion, j, (tension / k, tension), lag, rub)
+        k, tension, zeta, rub, own = map(float, shape)
+        lag = lag_of(link_inertia(motion, j, own), k, zeta)
+        return passing(motion, j, (tension / k, tension), lag, rub, own)
 
 
 EFFECTS = (

@@ -43,6 +43,21 @@ def test_a_spring_is_as_stiff_in_another_run_in_another_posture():
         assert all(after < 0.35 * before)
 
 
+def test_a_play_before_a_link_has_its_motor_on_the_other_side():
+    homes = ((0.0, 0.2, 0.3), (0.0, -0.6, 1.6))
+    runs = [
+        plants.spatial(k, play=0.02, driven=0, rotor=0.25, home=home)
+        for k, home in enumerate(homes, start=1)
+    ]
+    found = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+    assert [(f.effect, f.joint) for f in found.findings] == [("backlash", "base")]
+    values = found.findings[0].parameters
+    assert values["j1.backlash.b"].value == pytest.approx(0.02, rel=0.2)
+    assert values["j1.backlash.i"].value == pytest.approx(0.15, rel=0.2)
+    before, after = found.ladder[0].heldout.rms, found.explained.heldout.rms
+    assert all(after < 0.5 * before)
+
+
 def test_a_base_on_a_slope_is_named_with_its_angle():
     found = _answer(tilt=(0.10, -0.06))
     assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]

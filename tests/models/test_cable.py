@@ -121,7 +121,7 @@ def test_the_friction_of_the_link_slows_it_in_its_flight() -> None:
     size, fastest = (float(f(motion.load)) for f in (np.std, np.max))
     # a play in all but name: in flight nothing arrives, and the load lacks its friction, too
     free, rubbed = (
-        CABLE.columns(motion, 0, (stiffness(2.0), 1e-3 * size, 0.05, r))[:, 0]
+        CABLE.columns(motion, 0, (stiffness(2.0), 1e-3 * size, 0.05, r, 0.0))[:, 0]
         for r in (0.0, 0.3 * size)
     )
     assert np.max(np.abs(rubbed - free)) > 0.2 * fastest
@@ -133,8 +133,8 @@ def test_the_friction_of_the_link_slows_it_in_its_flight() -> None:
 def test_what_is_hardly_soft_or_hardly_carries_is_another_effect() -> None:
     motion = swing()
     size = float(np.std(motion.load))
-    assert not refused(CABLE, motion, 0, (stiffness(5.0), 0.3 * size, 0.1, 0.0), (0.8,))
+    assert not refused(CABLE, motion, 0, (stiffness(5.0), 0.3 * size, 0.1, 0.0, 0.0), (0.8,))
     for tension in (0.01 * size, 4.0 * size):  # a play, an elastic transmission
-        assert refused(CABLE, motion, 0, (stiffness(5.0), tension, 0.1, 0.0), (0.8,))
-    assert refused(CABLE, motion, 0, (stiffness(5.0), 0.3 * size, 0.1, 0.0), (0.1,))
-    assert refused(CABLE, motion, 0, (stiffness(60.0), 0.3 * size, 0.1, 0.0), (0.8,))
+        assert refused(CABLE, motion, 0, (stiffness(5.0), tension, 0.1, 0.0, 0.0), (0.8,))
+    assert refused(CABLE, motion, 0, (stiffness(5.0), 0.3 * size, 0.1, 0.0, 0.0), (0.1,))
+    assert refused(CABLE, motion, 0, (stiffness(60.0), 0.3 * size, 0.1, 0.0, 0.0), (0.8,))
