@@ -219,7 +219,7 @@ class _Resonance(Effect):
     """What rings at one frequency: f [Hz] and a damping ratio are its shape."""
 
     shape: ClassVar[tuple[Param, ...]] = (
-        Param("f", "Hz", "resonance with the motor held, at the mean inertia", 0.0, size=True),
+        Param("f", "Hz", "frequency at which the mode swings", 0.0, size=True),
         Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),
     )
     search = Grid(_resonance_grid, across=_resonance_across, rounds=2)
