@@ -253,10 +253,15 @@ class Search(Models):
         now, then = (np.maximum(self._shares(x), 1e-300) for x in (self.now, rungs[-1]))
         if np.sum(np.log(now / then)) < 0.0:
             return True
-        problem.aligned, self.rungs, self._measured = settled, rungs, None
-        problem.align_effort(before)
-        renew(self.now.result)
+        self.rungs, self._measured = rungs, None
+        self._aligned_as(before, settled)
         return False
+
+    def _aligned_as(self, alignment: Alignment, settled: bool) -> None:
+        """Efforts aligned as they were, beside the last model."""
+        self.problem.aligned = settled
+        self.problem.align_effort(alignment)
+        renew(self.now.result)
 
     def _fitted_anew(self) -> None:
         """Every model on the way fitted anew, to efforts that are aligned otherwise now."""
@@ -291,9 +296,7 @@ class Search(Models):
         last = self.rung(now.step.label, now.result.model, now.result.sigma)
         ratio = self._shares(last) / np.maximum(error, 1e-300)
         if np.any(ratio > 1 + WORTH) or np.prod(ratio) ** (1.0 / ratio.size) > 1 - LESS:
-            problem.aligned = settled
-            problem.align_effort(before)
-            renew(now.result)
+            self._aligned_as(before, settled)
             return False
         self._fitted_anew()
         if not self.found:  # its evidence and floor are those of the other alignment

@@ -103,12 +103,13 @@ def load_size(motion: Motion, j: int) -> float:
 def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
     """Inertia of the link as the joint feels it (n,): of the model, or load by acceleration.
 
-    `own` of it is the motor's.
+    `own` of it is the motor's; where that leaves the link less than none it has next to none.
     """
     if motion.response is not None:
         link = motion.response.inertia[:, j, j] - motion.response.rotor[j] - own
-        if np.min(link) > 0:
-            return np.ascontiguousarray(link)
+        mean = float(np.mean(link))
+        if np.min(link) > 0 or (own and mean > 0):
+            return np.ascontiguousarray(np.maximum(link, NEXT_TO_NONE * mean if own else 0.0))
     slope = float(np.std(carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
     return np.full(motion.n, max(slope, 1e-12))
 
@@ -171,6 +172,8 @@ MORE_FRICTIONS, CLOSER = (*FRICTIONS, 0.4, 0.7), 1.25
 STRAIGHT = 1e4
 #: Tension that takes up half a play, in the same units: next to none.
 HARD = 3e-3
+#: Least inertia of a link over its mean, where a recording goes to postures beyond the fitted ones.
+NEXT_TO_NONE = 0.01
 #: Range of a link's inertia over its mean from which on it is not the same everywhere.
 VARIES = 0.1
 #: Times in which a flank is relieved that are tried [s], the usual one first.

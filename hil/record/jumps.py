@@ -108,7 +108,9 @@ def _of_counts(steps: FloatArray) -> float:
 
     The last digit of a table makes stray ones, and rows that were filled in make parts of a count.
     """
-    kinds, often = np.unique(steps, return_counts=True)
+    # a count times a whole number has many last digits in binary: one kind of each
+    _, first, often = np.unique(np.round(steps, 12), return_index=True, return_counts=True)
+    kinds = steps[first]
     for one in kinds[::-1].tolist():
         whole = np.maximum(np.round(kinds / one), 1.0)
         if often[np.abs(kinds - whole * one) > OFF * one].sum() <= STRAY * steps.size:

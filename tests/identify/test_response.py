@@ -9,6 +9,7 @@ import pytest
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import base_model
+from hil.models.transmission import link_inertia
 
 
 @pytest.fixture(scope="module")
@@ -16,6 +17,16 @@ def fitted():
     run = plants.spatial(1, seconds=8.0)
     model = base_model(run.robot)
     return fit(Problem([run], model.robot), model)
+
+
+def test_a_link_keeps_some_inertia_in_a_posture_beyond_the_fitted_ones(fitted):
+    motion = fitted.problem.motions[0]
+    whole = link_inertia(motion, 0)
+    own = 0.5 * float(np.min(whole) + np.mean(whole))  # more than there is in some postures
+    left = link_inertia(motion, 0, own)
+    there = whole - own > 0.02 * np.mean(whole - own)
+    assert not np.all(there) and np.min(left) > 0
+    np.testing.assert_allclose(left[there], (whole - own)[there])
 
 
 @pytest.mark.parametrize("j", range(3))

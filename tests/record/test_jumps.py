@@ -196,6 +196,13 @@ def test_a_count_is_found_beside_rows_that_were_filled_in(gaps):
     assert resolution(q, exact=True) == pytest.approx(COARSE, rel=1e-3)
 
 
+def test_a_count_times_a_whole_number_is_one_kind_of_step():
+    """In binary every position rounds on its own, so that one step has many last digits."""
+    q = np.cumsum(np.random.default_rng(2).integers(-20, 21, 20000)) * COARSE
+    assert np.unique(np.abs(np.diff(q))).size > 5 * 21
+    assert resolution(q) == pytest.approx(COARSE, rel=1e-6)
+
+
 def test_noise_is_not_in_counts():
     q = np.cumsum(np.random.default_rng(1).normal(0.0, 1e-3, 20000))
     assert resolution(q, exact=True) == 0.0
