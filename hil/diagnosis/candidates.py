@@ -242,7 +242,7 @@ KNOTS = 8
 #: What a nearby law that the catalogue does not hold is called.
 FOIL = "a law without a name"
 #: What it is called where it takes in the whole robot.
-ROBOT = "the inertias of all links"
+ROBOT = "a change of the inertias of all links"
 Columns = Callable[[Motion, int, FloatArray], FloatArray]
 
 
@@ -368,6 +368,11 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
     columns = problem.gated(raw, j)
     free = np.full(columns.shape[1], np.inf)
     return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
+
+
+def in_words(what: str) -> str:
+    """A competitor in a sentence: a law, or a function of some variables."""
+    return what if what in (FOIL, ROBOT) else f"a function of {what} without a name"
 
 
 def foils(problem: Problem, term: Term) -> list[Group]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis.artefacts import converter
+from hil.diagnosis.candidates import in_words
 from hil.diagnosis.constants import (
     ADEQUATE,
     CONFIDENT,
@@ -551,7 +552,7 @@ def _explain(
         ),
         (
             own,
-            f"a function of {what} without a name explains much of the same error better"
+            f"{in_words(what)} explains much of the same error better"
             if what
             else "left-out data show little of what it explains",
         ),

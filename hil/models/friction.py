@@ -321,6 +321,86 @@ class PositionFriction(Effect):
         return motion.sign(j)[:, None] * harmonics(motion.q[:, j], shape[0])
 
 
+#: Widths of a tight spot that are sought, in shares of the range, and how far apart its places are
+#: in widths.  Half the widths: a spot of a few percent lies between two places; double: what is
+#: found is a smooth change, which harmonics follow.
+SPOTS, APART = (1 / 32, 1 / 10), 1.5
+#: The widest, in shares of the range.  Half: a spot of a fifth of the range goes unnamed; double:
+#: any smooth change is one.
+WIDEST = 1 / 8
+#: Other widths about a found one.
+NARROWER = (0.5, 0.7, 0.85, 0.95, 1.05, 1.18, 1.4, 2.0)
+
+
+def _local_friction_grid(motion: Motion, j: int) -> Shapes:
+    """Places over the range, as dense as each width asks for."""
+    low, high = (float(x) for x in motion.span[j])
+    length = max(high - low, 1e-9)
+    return [
+        (float(q0), length * share)
+        for share in SPOTS
+        for q0 in np.linspace(low, high, int(1 / (APART * share)) + 2)[1:-1]
+    ]
+
+
+def _local_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Narrower and wider spots."""
+    low, high = motion.span[j]
+    most = max(float(high - low), 1e-9) * WIDEST
+    return [(shape[0], x) for x in (shape[1] * r for r in NARROWER) if x <= most]
+
+
+def _local_friction_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """An effort at the same place that does not turn with the speed."""
+    return [_spot(motion, j, shape)[:, None]]
+
+
+def _local_friction_within(f: Fitted) -> bool:
+    """The place lies within the range, and most of the range lies beside it."""
+    low, high = f.motion.span[f.j]
+    return bool(low <= f.shape[0] <= high and f.shape[1] <= WIDEST * (high - low))
+
+
+def _spot(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+    """exp(-((q - q0) / w)^2), shape (n,)."""
+    out: FloatArray = np.exp(-(((motion.q[:, j] - shape[0]) / shape[1]) ** 2))
+    return out
+
+
+class LocalFriction(Effect):
+    """Friction that is another one at one place: a worn bearing, a dent, a dry or a tight spot."""
+
+    name, family = "local-friction", "friction"
+    doc = Doc(
+        equation="tau = exp(-((q - q0) / w)^2) (fl tanh(v / v0) + dl v)",
+        signature="more or less friction in both directions about one position, none elsewhere",
+        confused_with=("position-friction", "end-stop"),
+        shown_by="slow strokes over the place, in both directions",
+        source=(
+            "Harris, Kotzalas, Essential Concepts of Bearing Technology, 2006 (brinelling and wear "
+            "of a part of a race); the Gaussian is a choice of form"
+        ),
+        over=Over.POSITION,
+        formulas=("exp(-(((q - q0) / w) ** 2)) * sign", "exp(-(((q - q0) / w) ** 2)) * v"),
+    )
+    params = (
+        Param("fl", "{F}", "dry friction that is added at the place"),
+        Param("dl", "{F} s/{x}", "viscous friction that is added at the place"),
+    )
+    shape = (
+        Param("q0", "{x}", "the place"),
+        Param("w", "{x}", "distance at which a third of it is left", 0.0, size=True),
+    )
+    relations = Relations(foils=_local_friction_foils)
+    search = Grid(_local_friction_grid, across=_local_friction_across, rounds=3)
+    limits = (Limit("outside", _local_friction_within),)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """exp(-((q - q0) / w)^2) times [tanh(v / v0), v]."""
+        moves = np.stack([motion.sign(j), motion.qd[:, j]], axis=1)
+        return _spot(motion, j, shape)[:, None] * moves
+
+
 def harmonics(q: FloatArray, p: float) -> FloatArray:
     """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
     phase = 2 * np.pi * p * q
@@ -467,6 +547,7 @@ EFFECTS = (
     QuadraticDrag(),
     SublinearViscous(),
     PositionFriction(),
+    LocalFriction(),
     LoadFriction(),
     CoupledFriction(),
 )

@@ -176,6 +176,18 @@ def position_friction(p: Place) -> Law:
     return law
 
 
+def tight_spot(p: Place) -> Law:
+    """Dry friction that is higher over a dent with cosine flanks."""
+    j, f, s = p.j, 4.0 * p.size, sign(p)
+    at, half = p.link.middle + 0.1 * p.link.reach, 0.12 * p.link.reach
+
+    def law(x: State) -> float:
+        d = (x.m[j] - at) / half
+        return -f * s(x.w[j]) * 0.5 * (1.0 + cos(pi * d)) if -1.0 < d < 1.0 else 0.0
+
+    return law
+
+
 def load_friction(p: Place) -> Law:
     """Gear loss, a share of the motor-side effort; less where the load drives the motor."""
     j, s, mu = p.j, sign(p, 0.01), 0.06 * p.amplitude
@@ -310,6 +322,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "sublinear-viscous": shear_thinning,
     "presliding": presliding,
     "position-friction": position_friction,
+    "local-friction": tight_spot,
     "load-friction": load_friction,
     "coupled-friction": coupled_friction,
     "friction-drift": friction_drift,

@@ -56,7 +56,7 @@ RANGES = {
 }
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
-LATER = ("sublinear-viscous",)
+LATER = ("sublinear-viscous", "local-friction")
 
 NAMES = sorted(
     {"payload-change"}.union(

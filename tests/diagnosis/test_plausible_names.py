@@ -26,6 +26,35 @@ def test_friction_that_varies_smoothly_over_the_range_is_named(size):
     assert d.findings[0].excess_explained > 0.9
 
 
+@pytest.mark.parametrize(
+    ("rubs", "size", "w"),
+    [
+        (lambda d, v: 0.35 * np.exp(-((d / 0.06) ** 2)) * np.tanh(v / 0.003), 0.35, 0.06),
+        (lambda d, v: 0.4 * np.exp(-((d / 0.08) ** 2)) * v, 0.4, 0.08),
+        # a worn spot with cosine flanks: half of its depth is left at half of its half-width
+        (
+            lambda d, v: -0.2 * np.cos(np.pi * np.clip(d / 0.4, -0.5, 0.5)) ** 2 * np.sign(v),
+            -0.2,
+            0.12,
+        ),
+    ],
+)
+def test_friction_that_is_another_one_at_one_place_is_named_with_the_place(rubs, size, w):
+    d = diagnosed(lambda t, q, v: rubs(q - 0.3, v))
+    assert d.verdict == "missing-effect" and named(d) == {"local-friction"}
+    values = {k.rsplit(".", 1)[1]: v.value for k, v in d.findings[0].parameters.items()}
+    assert values["q0"] == pytest.approx(0.3, abs=0.02)
+    assert values["w"] == pytest.approx(w, rel=0.2)
+    # at the mean speed over the place, which is about 1 rad/s
+    assert values["fl"] + values["dl"] == pytest.approx(size, rel=0.15)
+    assert d.ladder[-1].heldout.rms < 1.1 * d.noise
+
+
+def test_an_effort_at_one_place_that_no_speed_turns_is_no_local_friction():
+    d = diagnosed(lambda t, q, v: 0.3 * np.exp(-(((q - 0.3) / 0.08) ** 2)))
+    assert "local-friction" not in named(d)
+
+
 def test_viscous_friction_that_varies_over_the_range_has_no_name():
     d = diagnosed(lambda t, q, v: 0.25 * q * v)
     assert d.verdict == "unexplained" and not d.findings

@@ -30,6 +30,7 @@ IMPOSSIBLE = {
     "filter-lag": ((0.01, 1.0), (0.3,)),
     "end-stop": ((0.3, 1.0), (0.0, 0.0, 5.0)),
     "missed-counts": ((1.0,), (0.8,)),
+    "local-friction": ((0.0, 0.5), (0.1, 0.0)),
     "payload-change": ((1.0,), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
     "quadratic-drag": ((), (-0.1,)),

@@ -142,6 +142,13 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         (1.7,),
         lambda m, i, j, s: [tanh(m.qd[i, j] / V0[j]) * x for x in waves(m.q[i, j], s[0])],
     ),
+    "local-friction": (
+        (0.2, 0.3),
+        lambda m, i, j, s: [
+            x * exp(-(((m.q[i, j] - s[0]) / s[1]) ** 2))
+            for x in (tanh(m.qd[i, j] / V0[j]), m.qd[i, j])
+        ],
+    ),
     "load-friction": (
         (0.0, 0.4),
         lambda m, i, j, s: [abs(m.load[i, j] - s[1] * m.qdd[i, j]) * tanh(m.qd[i, j] / V0[j])],
