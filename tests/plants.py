@@ -1221,6 +1221,48 @@ def double_pendulum(stribeck: float = 0.0, seed: int = 0) -> Recording:
     return Recording("run", "arm", ("joint1", "joint2"), t, q, tau, robot=SINGLE)
 
 
+def gantry(seed: int, slow: float = 1.0) -> Recording:
+    """A beam on two drives with a cart along it: what bends is the difference of the drives.
+
+    The drives share the beam's inertia and the cart's by where the cart is.
+    """
+    rng, t = np.random.default_rng(seed), np.arange(6000) / 250.0
+    f = slow * np.array([[0.13, 0.33, 0.61], [0.9, 1.7, 2.3], [0.11, 0.29, 0.57]])
+    size = np.array([[0.2, 0.06, 0.03], [2e-4, 1e-4, 5e-5], [0.2, 0.08, 0.03]])
+    paths = sines(t, 2 * np.pi * f, size, rng.uniform(0, 6.28, (3, 3)))
+    # both drives go along, apart by the skew
+    turn = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+    q, v, a = (x @ turn for x in paths)
+    tau = np.empty_like(q)
+    for j, side in ((0, -1.0), (1, 1.0)):
+        share = 0.5 + side * q[:, 2]
+        cart = 10.0 * ((0.5 - q[:, 2]) * a[:, 0] + (0.5 + q[:, 2]) * a[:, 1])
+        tau[:, j] = 8.0 * a[:, j] + 4.0 * a[:, 1 - j] + share * cart
+        tau[:, j] += 3e4 * (q[:, j] - q[:, 1 - j])
+    tau[:, 2] = 10.0 * a[:, 2]
+    tau += 8.0 * np.tanh(v / 0.003) + 20.0 * v + 0.4 * rng.standard_normal(q.shape)
+    q += 2e-7 * rng.standard_normal(q.shape)
+    joints = ("left", "right", "cart")
+    return Recording(
+        f"run{seed}", "gantry", joints, t, q, tau, robot=SINGLE, metadata={"unit": "m"}
+    )
+
+
+def parallelogram(seed: int) -> Recording:
+    """Two motors at the base move the two links of a parallelogram.
+
+    tau_1 = A a1 + C cos(q1 - q2) a2 + C sin(q1 - q2) v2^2, and the other way round.
+    """
+    rng, t = np.random.default_rng(seed), np.arange(0, 30, 1 / 200.0)
+    f = np.array([[0.11, 0.31, 0.77], [0.17, 0.41, 0.97]])
+    q, v, a = sines(t, 2 * np.pi * f, 0.9 / (1 + 3 * f), rng.uniform(0, 6.28, (2, 3)))
+    apart = q[:, 0] - q[:, 1]
+    tau = np.array([0.5, 0.4]) * a + 0.35 * np.cos(apart)[:, None] * a[:, ::-1]
+    tau += 0.35 * np.stack([np.sin(apart), -np.sin(apart)], axis=1) * v[:, ::-1] ** 2
+    tau += 0.1 * np.tanh(v / 0.01) + 0.05 * v + 0.002 * rng.standard_normal(q.shape)
+    return Recording("run", "arm", ("joint1", "joint2"), t, q, tau, robot=SINGLE)
+
+
 def mujoco_arm(robot: str, motion: int, *hidden: dict[str, object]) -> Recording:
     """A MuJoCo arm, recorded without its description."""
     pytest.importorskip("mujoco")

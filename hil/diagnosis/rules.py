@@ -255,9 +255,12 @@ def _line(case: RuleCase) -> str:
 def _geometry(case: RuleCase) -> str:
     """Without a robot description springs and masses are names for what gravity may be.
 
-    What takes most of what sums of sines and cosines leave on its joint is no gravity.
+    What takes most of what sums of sines and cosines leave on its joint is no gravity.  Nor is it
+    along a slide where the slide's own position sets it.
     """
     effect, r, j = case.rated.candidate.term.effect, case.rated, case.rated.joint
+    if case.search.problem.robot.units[j] != "rad":
+        return ""
     if Trait.CORRECTION in effect.traits or not case.search.blind or effect.family not in SOLID:
         return ""
     there = [t for t in case.search.now.result.terms if t.joint == j]

@@ -29,7 +29,17 @@ from itertools import combinations
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from hil.models.effect import Doc, Effect, Grid, Param, Scope, Shapes, Trait, typical_speed
+from hil.models.effect import (
+    Doc,
+    Effect,
+    Grid,
+    Param,
+    Relations,
+    Scope,
+    Shapes,
+    Trait,
+    typical_speed,
+)
 from hil.models.formula import evaluated, states
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
@@ -460,13 +470,14 @@ class OfOtherJoint(Correction):
 
 #: Joints, nearest in the chain first, whose angles count; 72 products of two of them.
 MAX_ANGLES = 6
-#: Range of a joint below which it holds its place [rad].
-LITTLE_SHARE = 0.02
+#: Range of a joint below which it holds its place [rad, m].
+LITTLE_SHARE = {"rad": 0.02, "m": 0.002}
 
 
 def moving(motion: Motion, j: int) -> list[int]:
     """Joints that move, at most `MAX_ANGLES`, those nearest to joint j first."""
-    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > LITTLE_SHARE]
+    little = [LITTLE_SHARE[unit] for unit in motion.robot.units]
+    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > little[k]]
     return sorted(sorted(some, key=lambda k: abs(k - j))[:MAX_ANGLES])
 
 
@@ -474,9 +485,11 @@ def moving(motion: Motion, j: int) -> list[int]:
 Texts = Callable[[Motion, int], Iterator[str]]
 
 
-def waves(k: int) -> tuple[str, str]:
-    """Sine and cosine of joint k's angle."""
-    return f"sin(q{k + 1})", f"cos(q{k + 1})"
+def waves(motion: Motion, k: int) -> tuple[str, str]:
+    """Sine and cosine of joint k's angle; of a slide its position and the square of it."""
+    if motion.robot.units[k] == "rad":
+        return f"sin(q{k + 1})", f"cos(q{k + 1})"
+    return f"q{k + 1}", f"q{k + 1} ** 2"
 
 
 def _evaluated(texts: Texts, motion: Motion, j: int) -> FloatArray:
@@ -499,11 +512,11 @@ def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:
 
 
 def _scope(texts: Texts) -> Scope:
-    """Several turning joints of which nothing is known, a coefficient for each of the products."""
+    """Several joints of which nothing is known, a coefficient for each of the products."""
 
     def lacks(motion: Motion, j: int) -> str:
-        if not isinstance(motion.robot, IndependentAxes) or motion.robot.units[j] != "rad":
-            return "the robot's geometry is known, or it has no turning joints"
+        if not isinstance(motion.robot, IndependentAxes):
+            return "the robot's geometry is known"
         if motion.d < 2 or not any(texts(motion, j)):
             return "needs two joints that move"
         return ""
@@ -526,9 +539,10 @@ class _OfGeometry(Correction):
 
 
 def _single(motion: Motion, j: int) -> Iterator[str]:
-    """Waves of single joints, one column after the other."""
+    """Waves of single angles, one column after the other: where a slide is turns no weight."""
     for k in moving(motion, j):
-        yield from waves(k)
+        if motion.robot.units[k] == "rad":
+            yield from waves(motion, k)
 
 
 class GenericGravity(_OfGeometry):
@@ -549,10 +563,12 @@ class GenericGravity(_OfGeometry):
 
 
 def _paired(motion: Motion, j: int) -> Iterator[str]:
-    """Products of the waves of two joints."""
+    """Products of the waves of two joints, one of which turns."""
     for k, other in combinations(moving(motion, j), 2):
-        for a in waves(k):
-            for b in waves(other):
+        if "rad" not in (motion.robot.units[k], motion.robot.units[other]):
+            continue
+        for a in waves(motion, k):
+            for b in waves(motion, other):
                 yield f"{a} * {b}"
 
 
@@ -578,11 +594,11 @@ def _coupled(motion: Motion, j: int) -> Iterator[str]:
     for k in (k for k in moving(motion, j) if k != j):
         v, a = f"v{k + 1}", f"a{k + 1}"
         yield a
-        for w in waves(max(j, k)):
+        for w in waves(motion, max(j, k)):
             yield f"{a} * {w}"
             yield f"{v} ** 2 * {w}"
             yield f"v{j + 1} * {v} * {w}"
-        for w in waves(k):
+        for w in waves(motion, k):
             yield f"a{j + 1} * {w}"
 
 
@@ -603,6 +619,41 @@ class GenericInertia(_OfGeometry):
         return _evaluated(_coupled, motion, j)
 
 
+#: Other joints with which a closed chain is sought, nearest first.  Double: 64 columns more.
+LOOPED = 2
+
+
+def _looped(motion: Motion, j: int) -> Iterator[str]:
+    """Accelerations and products of speeds of two joints times waves of both: what no chain has."""
+    others = sorted((k for k in moving(motion, j) if k != j), key=lambda k: abs(k - j))
+    known = set(_coupled(motion, j))
+    for k in others[:LOOPED]:
+        v, w = f"v{j + 1}", f"v{k + 1}"
+        own, other = waves(motion, j), waves(motion, k)
+        both = [f"{a} * {b}" for a in own for b in other]
+        for rate in (f"a{j + 1}", f"a{k + 1}", f"{v} ** 2", f"{w} ** 2", f"{v} * {w}"):
+            every = (f"{rate} * {wave}" for wave in (*own, *other, *both))
+            yield from (text for text in every if text not in known)
+
+
+class GenericLoop(_OfGeometry):
+    """Inertias and couplings that vary with two angles: a parallelogram, a five-bar linkage."""
+
+    name = "generic-loop"
+    doc = _geometry_doc(
+        "tau_j = sum_k {qdd_j, qdd_k, qd_j^2, qd_k^2, qd_j qd_k} {1, sin, cos} q_j "
+        "{1, sin, cos} q_k",
+        "an effort with accelerations and squares of speeds that varies with two angles",
+        "inertia of an unknown closed chain",
+    )
+    scope = _scope(_looped)
+    relations = Relations(extends=("generic-inertia",))
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        return _evaluated(_looped, motion, j)
+
+
 EFFECTS = (
     OfPosition(),
     OfDetail(),
@@ -616,4 +667,5 @@ EFFECTS = (
     GenericGravity(),
     GenericPosture(),
     GenericInertia(),
+    GenericLoop(),
 )

@@ -25,9 +25,12 @@ from hil.models.effect import (
     Sight,
     Trait,
     Waves,
+    even_ratio,
+    other_ratios,
 )
 from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
+from hil.models.parts import JOINT
 from hil.models.robots import IndependentAxes
 
 _INERTIA = "{F} s^2/{x}"
@@ -172,6 +175,54 @@ class Spring(Effect):
         """[q - mid-range, 1]."""
         centred = motion.q[:, j] - motion.span[j].mean()
         return np.stack([centred, np.ones_like(centred)], axis=1)
+
+
+def _coupled_spring_lacks(motion: Motion, j: int) -> str:
+    """Needs a second joint."""
+    return "" if motion.d > 1 else "the robot has one joint"
+
+
+def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
+    """The difference and the sum with every other joint."""
+    others = [k for k in range(motion.d) if k != j]
+    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in others for s in (-1.0, 1.0)]
+
+
+def _coupled_spring_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other ratios of the joint that was found; the present one first."""
+    k, ratio = shape
+    even = even_ratio(motion, j, int(k) - 1)
+    return [(k, ratio), *((k, x) for x in other_ratios(ratio, even))]
+
+
+class CoupledSpring(Effect):
+    """A spring between two joints: a beam on two drives, a cable or a muscle over two joints."""
+
+    name, family = "coupled-spring", "stiffness"
+    doc = Doc(
+        equation="tau = k (q + r q_k)  (rest position in the offset)",
+        signature="residual proportional to the difference, or the sum, of two joints' positions",
+        confused_with=("spring", "coupled-friction", "rigid-body"),
+        shown_by="one joint at a time, then both with and against each other, slowly",
+        source=(
+            "Zajac, Crit. Rev. Biomed. Eng. 17, 1989 (muscles over two joints); Giam, Tan, Huang, "
+            "ISA Trans. 46, 2007 (a gantry's beam on two drives)"
+        ),
+        over=Over.POSITION,
+    )
+    params = (Param("k", "{F}/{x}", "stiffness"),)
+    shape = (
+        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
+        Param("r", "1", "ratio of the other joint's position, in this joint's unit"),
+    )
+    scope = Scope(lacks=_coupled_spring_lacks)
+    search = Grid(_coupled_spring_grid, across=_coupled_spring_across, refine=False, rounds=4)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """q_j + r q_k, without its mean over the range."""
+        k, mid = int(shape[0]) - 1, motion.span.mean(axis=1)
+        q = motion.q - mid
+        return (q[:, j] + shape[1] * q[:, k])[:, None]
 
 
 def _unbalance_lacks(motion: Motion, j: int) -> str:
@@ -454,6 +505,7 @@ EFFECTS: tuple[Effect, ...] = (
     Armature(),
     BaseTilt(),
     Spring(),
+    CoupledSpring(),
     Unbalance(),
     VariableInertia(),
     PositionTorque(),

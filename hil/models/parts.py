@@ -378,6 +378,8 @@ class Relations:
         Effects of the same joint that this one takes the place of.
     twins : tuple of Twin
         Effects that it cannot be told from.
+    extends : tuple of str
+        Effects of the same joint beside which alone this one is sought: it adds to them.
     limit : str
         Simpler effect that this one becomes in a limit; real parts are near it, not at it.
     causes : tuple of str
@@ -393,6 +395,7 @@ class Relations:
 
     replaces: tuple[str, ...] = ()
     twins: tuple[Twin, ...] = ()
+    extends: tuple[str, ...] = ()
     limit: str = ""
     causes: tuple[str, ...] = ()
     foils: Callable[[Motion, int, Shape], Sequence[FloatArray]] = _no_foils

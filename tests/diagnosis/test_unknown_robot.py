@@ -46,6 +46,31 @@ def test_friction_beside_an_unknown_geometry_is_named() -> None:
     assert d.findings[0].parameters["j2.stribeck.fs"].value == pytest.approx(0.8, rel=0.15)
 
 
+def test_a_closed_chain_is_learnt_as_an_extension_of_a_serial_one() -> None:
+    """Inertias that vary with both angles stand beside those of a chain, and leave little."""
+    run, other = plants.parallelogram(0), plants.parallelogram(1)
+    d = hil.diagnose([run], base_model(run.robot), [other])
+    assert not d.findings
+    for joint in run.joints:
+        mine = [c.effect for c in d.corrections if c.joint == joint]
+        assert mine.index("generic-inertia") < mine.index("generic-loop")
+    assert np.all(d.ladder[-1].heldout.relative < 2.0)
+
+
+def test_a_spring_between_two_drives_is_named_on_both() -> None:
+    """The bending of a beam is the difference of its drives, next to nothing beside their way."""
+    run, other = plants.gantry(0), plants.gantry(1, 0.9)
+    d = hil.diagnose([run], base_model(run.robot), [other])
+    assert [(f.effect, f.joint) for f in d.findings] == [
+        ("coupled-spring", "left"),
+        ("coupled-spring", "right"),
+    ]
+    for number, f in enumerate(d.findings, 1):
+        k, r = (f.parameters[f"j{number}.coupled-spring.{x}"].value for x in ("k", "r"))
+        assert k == pytest.approx(3e4, rel=0.01) and r == -1.0
+    assert np.all(d.ladder[-1].heldout.relative < 3.0)
+
+
 def test_a_known_geometry_needs_none() -> None:
     """Where the geometry is known, or there is one joint, nothing stands for it."""
     run = plants.double_pendulum()

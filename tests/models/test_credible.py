@@ -53,6 +53,7 @@ ANY = {
     "cogging",
     "payload",
     "spring",
+    "coupled-spring",
     "unbalance",
     "variable-inertia",
     "position-torque",

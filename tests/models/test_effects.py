@@ -160,6 +160,10 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         (),
         lambda m, i, j, s: [m.q[i, j] - (min(m.q[:, j]) + max(m.q[:, j])) / 2, 1.0],
     ),
+    "coupled-spring": (
+        (2.0, -0.7),
+        lambda m, i, j, s: [m.q[i, j] - m.span[j].mean() + s[1] * (m.q[i, 1] - m.span[1].mean())],
+    ),
     "unbalance": ((), lambda m, i, j, s: [sin(m.q[i, j]), cos(m.q[i, j])]),
     "position-torque": ((), chebyshev),
     "end-stop": ((0.5, -1.0), stop),
