@@ -39,7 +39,16 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
 from hil.identify.regression import cluster_covariance, decomposed, time_blocks
 from hil.identify.result import FitResult
-from hil.models.effect import Lines, Trait, Waves, are_twins, refused, strict
+from hil.models.effect import (
+    BOUNDS,
+    Fitted,
+    Lines,
+    Trait,
+    Waves,
+    are_twins,
+    broken,
+    strict,
+)
 from hil.models.model import Use, Value
 from hil.models.motion import Motion
 
@@ -219,14 +228,19 @@ def where_acts(problem: Problem, term: Term, beta: Sequence[float]) -> Motion:
 
 def physical(c: Candidate, problem: Problem) -> bool:
     """Whether the coefficients can be: a negative Stribeck peak cannot, nor an unseen bias."""
-    term = c.term
+    return not why_not(c, problem)
+
+
+def why_not(c: Candidate, problem: Problem) -> str:
+    """Why the coefficients cannot be; empty where they can."""
+    term, effect = c.term, c.term.effect
     motion = where_acts(problem, term, c.coefficients)
-    if refused(term.effect, motion, term.joint, term.shape, c.coefficients, c.errors):
-        return False
-    params = c.term.effect.params
-    if len(params) != 1 and not strict(c.term.effect):
-        return True
-    return within(c.term.effect, np.array(c.coefficients))
+    values = Fitted(effect, motion, term.joint, term.shape, c.coefficients, c.errors)
+    if (limit := broken(effect, values)) is not None:
+        return limit.says
+    if len(effect.params) != 1 and not strict(effect):
+        return ""
+    return "" if within(effect, np.array(c.coefficients)) else BOUNDS.says
 
 
 def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:
@@ -362,30 +376,31 @@ def effort(result: FitResult, key: tuple[str, int]) -> float:
 def impossible(result: FitResult, effect: str) -> list[str]:
     """Sentences on an effect's values that its own law does not allow, joint by joint."""
     joints = result.problem.joints
-    broken = [t for t in result.terms if t.effect.name == effect and not allowed(result, t)]
-    return [
-        f"{effect}{where}: the best values are physically "
-        "impossible (for example a stop that pulls, or friction that drives); "
-        "'hil diagnose' would not name it"
-        for where in ("" if t.effect.scope.of_robot else f" on {joints[t.joint]}" for t in broken)
-    ]
+    said = []
+    for t in result.terms:
+        if t.effect.name == effect and (why := forbidden(result, t)):
+            where = "" if t.effect.scope.of_robot else f" on {joints[t.joint]}"
+            said.append(f"{effect}{where}: {why}; 'hil diagnose' would not name it")
+    return said
 
 
-def allowed(result: FitResult, term: Term) -> bool:
-    """Whether the effect's own law allows its values, in every run that has its own."""
+def forbidden(result: FitResult, term: Term) -> str:
+    """Why the effect's own law does not allow its values, in a run that has its own; or nothing."""
     values = [result.values[n] for n, _ in coefficients(term, result.problem)]
     runs = result.problem.runs if term.per_run else 1
     each = np.array([[v.value, v.stderr] for v in values]).reshape(-1, 2)
     if not len(each):
-        return True
+        return ""
     # differences to one run belong together
     one = term.effect.variation.relative or not term.per_run
     parts = [each] if one else np.array_split(each, runs)
     motion = where_acts(result.problem, term, parts[0][:, 0].tolist())
-    return not any(
-        refused(term.effect, motion, term.joint, term.shape, p[:, 0].tolist(), p[:, 1].tolist())
-        for p in parts
-    )
+    for part in parts:
+        beta, errors = part[:, 0].tolist(), part[:, 1].tolist()
+        found = Fitted(term.effect, motion, term.joint, term.shape, beta, errors)
+        if (limit := broken(term.effect, found)) is not None:
+            return limit.says
+    return ""
 
 
 def as_use(c: Candidate, problem: Problem) -> Use:

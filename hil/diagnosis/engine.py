@@ -41,6 +41,7 @@ from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
+    CheckResult,
     Diagnosis,
     Evidence,
     Finding,
@@ -457,7 +458,7 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
         if not last.floor.exceeded(np.sqrt(errors.power), j):
             continue
         near = [
-            (stop.evidence["after"], name, stop.reason)
+            (stop.evidence["after"], name, stop)
             for (name, k), stop in search.stops.items()
             if k == j
             and stop.code not in ARTEFACTS
@@ -468,15 +469,22 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             and stop.evidence["standard_errors"] > SURE
         ]
         if near:
-            after, name, why = min(near)
+            after, name, stop = min(near, key=lambda x: x[:2])
             was, now = (100 * max(x, 0.0) ** 0.5 / effort[j] for x in (left, after))
             text = (
                 f"{problem.joints[j]}: {name} would lower the error from {was:.3g} to {now:.3g} % "
-                f"of the effort, but is not named: {why}. To try it: "
-                f"hil add {name} --joint {problem.joints[j]}"
+                f"of the effort, but is not named: {stop.reason}. "
+                + _what_then(stop, name, problem.joints[j])
             )
             found.append((REFUSED, text))
     return found
+
+
+def _what_then(stop: CheckResult, name: str, joint: str) -> str:
+    """What to do with a law that would help and is not named."""
+    if stop.code == "physical":
+        return "What is missing acts like it, and is another law"
+    return f"To try it: hil add {name} --joint {joint} --session S.mcap"
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:

@@ -389,7 +389,8 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     joint = problem.joints[s.among[0].term.joint]
     whole = all(c.term.effect.scope.whole for c in s.among)
     motion = best.motion.name
-    now = "" if choice.now is None else f"; {_surely(choice.now.odds)} now"
+    doubt = choice.now is not None and not choice.now.decided
+    now = f"; {_surely(choice.now.odds)} now" if choice.now and doubt else ""
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from hil.diagnosis.attribution import (
-    allowed,
     alone,
     by_chance,
     effort,
+    forbidden,
     harmonic,
     kindred,
-    physical,
+    why_not,
 )
 from hil.diagnosis.candidates import Rated
 from hil.diagnosis.constants import (
@@ -223,8 +223,7 @@ def _ripples(case: RuleCase) -> bool:
 
 @_candidate("physical")
 def _physical(case: RuleCase) -> str:
-    good = physical(case.rated.candidate, case.search.problem)
-    return "" if good else "the best values are physically impossible"
+    return why_not(case.rated.candidate, case.search.problem)
 
 
 @_candidate("position-noise")
@@ -477,8 +476,7 @@ def _leaves_much(case: Refit) -> bool:
 def _lawful(case: Refit) -> str:
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
-    good = term is None or allowed(result, term)
-    return "" if good else "the fitted values are physically impossible"
+    return "" if term is None else forbidden(result, term)
 
 
 @_fit("simulates")

@@ -85,7 +85,7 @@ class TorqueGain(Effect):
     )
     params = (Param("g", "1", "relative error of the command"),)
     scope = Scope(lacks=_torque_gain_lacks)
-    limits = (Limit("backwards", _torque_gain_forwards),)
+    limits = (Limit("backwards", _torque_gain_forwards, says="a gain below zero is a wrong sign"),)
     traits = Trait.LOAD | Trait.GAIN
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -174,7 +174,7 @@ class CoupledTransmission(Effect):
     search = Grid(
         _coupled_transmission_grid, across=_coupled_transmission_across, refine=False, rounds=4
     )
-    limits = (Limit("drives", _coupled_transmission_brakes),)
+    limits = (Limit("drives", _coupled_transmission_brakes, says="it would drive the joint"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Columns (n, d, 3), on joint j and, times r, on the other joint."""
@@ -262,7 +262,14 @@ class TorqueSaturation(Effect):
         ),
     )
     search = Grid(_torque_saturation_grid)
-    limits = (Limit("unfelt", _torque_saturation_felt), STRICT)
+    limits = (
+        Limit(
+            "unfelt",
+            _torque_saturation_felt,
+            says="the efforts hardly reach its limit, or all of them lie beyond it",
+        ),
+        STRICT,
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -333,7 +340,13 @@ class TorqueCrosstalk(Effect):
     scope = Scope(lacks=_torque_crosstalk_lacks)
     relations = Relations(foils=_torque_crosstalk_foils)
     search = Grid(_torque_crosstalk_grid, refine=False)
-    limits = (Limit("leak", _torque_crosstalk_leaks),)
+    limits = (
+        Limit(
+            "leak",
+            _torque_crosstalk_leaks,
+            says="so much is a swapped channel, or so little no leak",
+        ),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -108,7 +108,7 @@ class ContactDamping(_ContactLaw):
         over=Over.DEPTH,
     )
     params = (Param("c", "{F} s/{x}", "damping"),)
-    limits = (Limit("drives", _contact_damping_brakes),)
+    limits = (Limit("drives", _contact_damping_brakes, says="it would drive the joint"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-v while touching."""
@@ -141,7 +141,7 @@ class ContactHardening(_ContactLaw):
     params = (Param("h", "{F}", "additional force at the deepest penetration"),)
     shape = (Param("n", "1", "exponent", 1.0, 8.0),)
     search = Grid(_contact_hardening_grid)
-    limits = (Limit("softens", _contact_hardening_hardens),)
+    limits = (Limit("softens", _contact_hardening_hardens, says="it would soften with depth"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-side (d / d_max)^n."""

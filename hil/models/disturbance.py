@@ -111,7 +111,13 @@ class FrictionDrift(Effect):
     )
     shape = _PROGRESS
     search = Grid(_drift_grid)
-    limits = (Limit("transient", _drift_lasts),)
+    limits = (
+        Limit(
+            "transient",
+            _drift_lasts,
+            says="it is over within a tenth of the run, so that run began differently",
+        ),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -147,7 +153,13 @@ class OffsetDrift(Effect):
     scope = Scope(explains=("motor", "external"))
     relations = Relations(foils=_offset_drift_foils)
     search = Grid(_drift_grid)
-    limits = (Limit("transient", _drift_lasts),)
+    limits = (
+        Limit(
+            "transient",
+            _drift_lasts,
+            says="it is over within a tenth of the run, so that run began differently",
+        ),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -233,7 +245,9 @@ class PeriodicDisturbance(Effect):
     variation = Variation(per_run=True, own=always)
     relations = Relations(foils=_periodic_disturbance_foils)
     search = Lines(_periodic_disturbance_grid)
-    limits = (Limit("own-line", _periodic_disturbance_foreign),)
+    limits = (
+        Limit("own-line", _periodic_disturbance_foreign, says="its frequency is one of the motion"),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

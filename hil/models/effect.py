@@ -82,6 +82,7 @@ __all__ = [
     "alone",
     "are_twins",
     "brakes",
+    "broken",
     "log_grid",
     "motor_inertias",
     "refused",
@@ -186,8 +187,13 @@ def refused(
     motion, j, shape, beta, error
         As of `Fitted`.
     """
-    values = Fitted(effect, motion, j, shape, beta, error)
-    return next((limit.code for limit in effect.limits if not limit.met(values)), "")
+    limit = broken(effect, Fitted(effect, motion, j, shape, beta, error))
+    return "" if limit is None else limit.code
+
+
+def broken(effect: Effect, values: Fitted) -> Limit | None:
+    """The first limit that values break; None where they can be physics."""
+    return next((limit for limit in effect.limits if not limit.met(values)), None)
 
 
 @cache

@@ -240,7 +240,14 @@ class SublinearViscous(Effect):
     shape = (Param("p", "1", "exponent of the speed", 0.0, 1.0),)
     relations = Relations(replaces=("viscous",))
     search = Grid(_sublinear_viscous_grid)
-    limits = (Limit("between", _sublinear_viscous_between), STRICT)
+    limits = (
+        Limit(
+            "between",
+            _sublinear_viscous_between,
+            says="its exponent is that of dry or of viscous friction",
+        ),
+        STRICT,
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Friction's state times |v|^p."""
@@ -393,7 +400,13 @@ class LocalFriction(Effect):
     )
     relations = Relations(foils=_local_friction_foils)
     search = Grid(_local_friction_grid, across=_local_friction_across, rounds=3)
-    limits = (Limit("outside", _local_friction_within),)
+    limits = (
+        Limit(
+            "outside",
+            _local_friction_within,
+            says="the place lies outside the range, or takes much of it",
+        ),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """exp(-((q - q0) / w)^2) times [tanh(v / v0), v]."""
@@ -526,7 +539,7 @@ class CoupledFriction(Effect):
     )
     scope = Scope(lacks=_alone)
     search = Grid(_coupled_friction_grid, across=_coupled_friction_across, refine=False, rounds=4)
-    limits = (Limit("drives", _coupled_friction_brakes),)
+    limits = (Limit("drives", _coupled_friction_brakes, says="it would drive the joint"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[tanh(w / v0), w]."""

@@ -169,7 +169,10 @@ class Spring(Effect):
         Param("k", "{F}/{x}", "stiffness"),
         Param("t0", "{F}", "effort at mid-range"),
     )
-    limits = (Limit("constant", _spring_varies), BOUNDS)
+    limits = (
+        Limit("constant", _spring_varies, says="it hardly varies over the range, like an offset"),
+        BOUNDS,
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[q - mid-range, 1]."""
@@ -222,7 +225,8 @@ class CoupledSpring(Effect):
         """q_j + r q_k, without its mean over the range."""
         k, mid = int(shape[0]) - 1, motion.span.mean(axis=1)
         q = motion.q - mid
-        return (q[:, j] + shape[1] * q[:, k])[:, None]
+        both: FloatArray = q[:, j] + shape[1] * q[:, k]
+        return both[:, None]
 
 
 def _unbalance_lacks(motion: Motion, j: int) -> str:
@@ -333,7 +337,13 @@ class VariableInertia(Effect):
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
     scope = Scope(lacks=_variable_inertia_lacks)
     search = Waves(_variable_inertia_grid, powers=_variable_inertia_powers, at_resolution=True)
-    limits = (Limit("positive", _variable_inertia_positive),)
+    limits = (
+        Limit(
+            "positive",
+            _variable_inertia_positive,
+            says="the inertia would be negative at some positions",
+        ),
+    )
     traits = Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -408,7 +418,14 @@ class PositionTorque(Effect):
         *(Param(f"c{k}", "{F}", "Chebyshev coefficient") for k in range(1, 7)),
     )
     relations = Relations(foils=_position_torque_foils)
-    limits = (Limit("constant", _position_torque_varies), BOUNDS)
+    limits = (
+        Limit(
+            "constant",
+            _position_torque_varies,
+            says="it hardly varies over the range, like an offset",
+        ),
+        BOUNDS,
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Chebyshev polynomials T0..T6, straight on beyond the range."""
@@ -490,7 +507,13 @@ class EndStop(Effect):
         ),
     )
     search = Grid(_end_stop_grid)
-    limits = (Limit("pulls", _end_stop_pushes),)
+    limits = (
+        Limit(
+            "pulls",
+            _end_stop_pushes,
+            says="a stop pushes back and takes energy, and this one does not",
+        ),
+    )
     traits = Trait.STOP
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -541,11 +541,14 @@ class Limit:
         Whether it is met.
     strict : bool
         Whether the search keeps all coefficients within their bounds as well.
+    says : str
+        Why values that break it are no finding, for people.
     """
 
     code: str
     met: Callable[[Fitted], bool]
     strict: bool = False
+    says: str = "the best values are physically impossible (friction that drives, for example)"
 
 
 def _within(f: Fitted) -> bool:

@@ -116,7 +116,9 @@ class Payload(Effect):
     variation = Variation(per_run=True, relative=True, single=(0.0,))
     relations = Relations(foils=_payload_foils)
     search = Grid(_payload_grid, refine=False)
-    limits = (Limit("real-body", _payload_real),)
+    limits = (
+        Limit("real-body", _payload_real, says="no body has such a mass, centre and inertia"),
+    )
     traits = Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -260,7 +262,9 @@ class PayloadChange(Effect):
     scope = Scope(Of.TIP, lacks=_payload_change_lacks, terms=_payload_change_terms)
     variation = AT_AN_INSTANT
     search = Grid(_payload_change_grid)
-    limits = (Limit("reach", _payload_change_near),)
+    limits = (
+        Limit("reach", _payload_change_near, says="the centre of the load lies far from the tip"),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

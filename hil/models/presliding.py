@@ -256,7 +256,15 @@ class Presliding(Effect):
     )
     relations = Relations(replaces=("coulomb",), state=_presliding_state)
     search = Grid(_presliding_grid, across=_presliding_across, others=_presliding_others)
-    limits = (Limit("stiff", _presliding_wide), Limit("blunt", _presliding_carries), STRICT)
+    limits = (
+        Limit(
+            "stiff",
+            _presliding_wide,
+            says="it slides within the least displacement that can be seen",
+        ),
+        Limit("blunt", _presliding_carries, says="its loops carry too little of the friction"),
+        STRICT,
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

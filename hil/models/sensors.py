@@ -146,7 +146,9 @@ class TorqueRipple(Effect):
     params = tuple(Param(n, "1", "relative amplitude") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
     search = Waves(_torque_ripple_grid, carrier=_torque_ripple_carrier)
-    limits = (Limit("broken", _torque_ripple_ripples),)
+    limits = (
+        Limit("broken", _torque_ripple_ripples, says="the motor constant would change its sign"),
+    )
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -329,7 +331,7 @@ class MissedCounts(Effect):
     scope = Scope(Of.JOINTS, lacks=_missed_counts_lacks, terms=_missed_counts_terms)
     variation = Variation(per_run=True, dated=_missed_counts_dated, own=_missed_counts_own)
     search = Grid(_missed_counts_grid)
-    limits = (Limit("size", _missed_counts_small),)
+    limits = (Limit("size", _missed_counts_small, says="the shift is too large for lost counts"),)
     traits = Trait.LOAD | Trait.REPLAYED | Trait.JUMPS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -527,7 +529,7 @@ class ForceBias(_ForceSensor):
     params = (Param("b", "{F}", "bias of a channel"),)
     scope = Scope(Of.TIP, explains=_BOTH, lacks=_missing, terms=_each("b"))
     relations = Relations(twins=(Twin("torque-offset", _by_joint),))
-    limits = (Limit("size", _stands),)
+    limits = (Limit("size", _stands, says="it is larger than what the sensor reads"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' of every channel, shape (n, d, channels)."""
@@ -561,7 +563,13 @@ class ForceDrift(_ForceSensor):
     shape = (Param("T", "s", "time constant", 0.0, size=True), _FRAME)
     scope = Scope(Of.TIP, explains=_BOTH, lacks=_missing, terms=_each("d", "{unit}/s"))
     search = Grid(_times)
-    limits = (Limit("size", lambda f: _stands(f, _warmth(f.motion, f.shape[0]))),)
+    limits = (
+        Limit(
+            "size",
+            lambda f: _stands(f, _warmth(f.motion, f.shape[0])),
+            says="it is larger than what the sensor reads",
+        ),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' T (1 - exp(-t / T)) of every channel, shape (n, d, channels)."""
@@ -591,7 +599,13 @@ class ForceGain(_ForceSensor):
     )
     relations = Relations(twins=(Twin("torque-gain", _by_joint),))
     # a channel that shows half as much again is broken, not out of calibration
-    limits = (Limit("broken", lambda f: max(abs(b) for b in f.beta) < 0.5),)
+    limits = (
+        Limit(
+            "broken",
+            lambda f: max(abs(b) for b in f.beta) < 0.5,
+            says="the gain would be wrong by more than half",
+        ),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' times the channel's own reading, shape (n, d, channels)."""
@@ -634,7 +648,9 @@ class ForceCrosstalk(_ForceSensor):
     )
     params = (Param("e", "1", "share of another channel's reading"),)
     scope = Scope(Of.TIP, explains=_BOTH, lacks=_one_channel, terms=_each_pair)
-    limits = (Limit("swapped", _crossed),)
+    limits = (
+        Limit("swapped", _crossed, says="a channel would show more of another one than of itself"),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' e_a w_b for every pair of channels (a, b), shape (n, d, pairs)."""

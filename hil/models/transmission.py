@@ -215,7 +215,11 @@ def _ringing(motion: Motion, f: float, zeta: float) -> bool:
     return zeta < max(MORE_ZETAS) and inside(motion, f)
 
 
-RINGS = Limit("resonance", _rings)
+RINGS = Limit(
+    "resonance",
+    _rings,
+    says="its resonance lies outside the band, or is damped so much that nothing rings",
+)
 
 
 class _Resonance(Effect):
@@ -299,8 +303,12 @@ class ElasticTransmission(_Resonance):
     search = Grid(_elastic_transmission_grid, across=_elastic_transmission_across, rounds=4)
     scope = Scope(Of.JOINTS, sought_alone=True)
     limits = (
-        Limit("share", _elastic_transmission_carries),
-        Limit("resonance", _elastic_transmission_rings),
+        Limit("share", _elastic_transmission_carries, says="too little of the load lies behind it"),
+        Limit(
+            "resonance",
+            _elastic_transmission_rings,
+            says="its resonance lies outside the band, or is damped so much that nothing rings",
+        ),
         STRICT,
     )
     traits = Trait.LOAD | _Resonance.traits
@@ -377,7 +385,10 @@ class Backlash(Effect):
     scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(causes=("play",))
     search = Grid(_backlash_grid, across=_backlash_across, rounds=2)
-    limits = (Limit("share", _backlash_carries), STRICT)
+    limits = (
+        Limit("share", _backlash_carries, says="too little of the load lies behind it"),
+        STRICT,
+    )
     traits = Trait.LOAD | Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -411,7 +422,11 @@ class VibrationMode(_Resonance):
     )
     params = (Param("m", "{F} s^2/{x}", "inertia of the mode at this joint", 0.0),)
     relations = Relations(twins=(Twin("elastic-transmission", _free),), causes=("resonance",))
-    limits = (Limit("damped", _vibration_mode_swings), RINGS, STRICT)
+    limits = (
+        Limit("damped", _vibration_mode_swings, says="it is damped so much that nothing rings"),
+        RINGS,
+        STRICT,
+    )
     traits = Trait.MOTION | _Resonance.traits
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -499,7 +514,14 @@ class HardeningCable(Effect):
     scope = Scope(Of.JOINTS, sought_alone=True)
     relations = Relations(limit="elastic-transmission", causes=("resonance", "play"))
     search = Grid(_hardening_cable_grid, across=_hardening_cable_across, rounds=2)
-    limits = (Limit("between", _hardening_cable_between), STRICT)
+    limits = (
+        Limit(
+            "between",
+            _hardening_cable_between,
+            says="its soft range holds all of the motion, or next to none",
+        ),
+        STRICT,
+    )
     traits = Trait.LOAD | Trait.REPLAYED | Trait.SMOOTHS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -73,12 +73,14 @@ def test_a_fall_in_a_single_block_is_chance(blocks: int, stopped: bool) -> None:
 def test_geometry_may_be_a_spring_where_it_is_unknown(
     blind: bool, effect: str, solid: bool
 ) -> None:
-    """Not where it takes most of what sums of sines and cosines on its joint leave."""
+    """Not where it takes most of what sums of sines and cosines on its joint leave, or slides."""
 
-    def stopped(terms: list[Any], after: float) -> bool:
+    def stopped(terms: list[Any], after: float, unit: str = "rad") -> bool:
         one = case(effect)
         one.search = SimpleNamespace(
-            blind=blind, now=SimpleNamespace(result=SimpleNamespace(terms=terms))
+            blind=blind,
+            now=SimpleNamespace(result=SimpleNamespace(terms=terms)),
+            problem=SimpleNamespace(robot=SimpleNamespace(units=(unit,))),
         )
         one.rated = SimpleNamespace(candidate=one.rated.candidate, joint=0, before=1.0, after=after)
         return "unknown geometry" in rules.CANDIDATE["geometry"](one)
@@ -88,6 +90,7 @@ def test_geometry_may_be_a_spring_where_it_is_unknown(
     assert stopped(gravity[1:], 0.05) is (blind and solid)
     assert stopped(gravity[:1], OPEN) is (blind and solid)
     assert not stopped(gravity[:1], 0.05)
+    assert not stopped([], 0.05, "m")
 
 
 def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "stribeck") -> Any:
