@@ -70,6 +70,23 @@ def smooth_axis(seed=0, seconds=30.0, rate=500.0, extra=None, push=None, noise=0
     return single(f"axis{seed}", t, q, tau, tau_ext=ext, robot=SINGLE)
 
 
+def warming_axis(seed: int, seconds: float = 60.0) -> Recording:
+    """One axis whose friction falls as its own losses warm it, now busy and now hardly moving."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * 200)) / 200.0
+    w, slow = 2 * np.pi * rng.uniform(0.2, 1.2, 5), 2 * np.pi / rng.uniform(30.0, 40.0)
+    size, phase = 0.8 / np.sqrt(w), rng.uniform(0, 2 * np.pi, 5)
+    # a wave that swells is three waves
+    tones, heights = np.concatenate([w, w - slow, w + slow]), np.repeat([0.55, 0.22, 0.22], 5)
+    q, v, a = sines(t, tones, heights * np.tile(size, 3), np.tile(phase, 3))
+    warmth, friction = 0.0, np.empty(t.size)
+    for k in range(t.size):
+        cold = 0.6 * np.tanh(v[k] / 0.01) + 0.4 * v[k]
+        friction[k] = cold * np.exp(-warmth)
+        warmth += (0.4 * friction[k] * v[k] - warmth) / 15.0 / 200.0
+    tau = 0.1 * a + friction + 0.005 * rng.standard_normal(t.size)
+    return single(f"run{seed}", t, q, tau, robot=SINGLE)
+
+
 def bench_axis(name: str, seed: int, drag: float = 0.0, seconds: float = 20.0) -> Recording:
     """A light axis with friction and, if asked, drag; the motion repeats every 5 s."""
     rng = np.random.default_rng(seed)

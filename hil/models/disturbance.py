@@ -24,6 +24,7 @@ from hil.models.effect import (
     Variation,
     log_grid,
 )
+from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import always
 
@@ -56,31 +57,44 @@ def _drift_lasts(f: Fitted) -> bool:
     Nor is what no part of a machine warms up in.
     """
     shortest = max(SHORTEST_DRIFT * float(f.motion.since[-1]), WARMS_UP)
-    return bool(f.shape[1]) or f.shape[0] > 1.01 * shortest
+    return f.shape[1] == THERMOMETER or f.shape[0] > 1.01 * shortest
 
 
-def _drift_grid(motion: Motion, j: int) -> Shapes:
+def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
     """Temperature where it was recorded; a tenth of the run to three times its length.
 
-    What warms up is a state and time only its clock: time is for a run without a thermometer, or
-    where it explains clearly more, as of a part that is warm before the thermometer is.
+    The time constant is that of the clock, or of a joint that its own motion warms.  What warms up
+    is a state and time only its clock: time is for a run without a thermometer, or where it
+    explains clearly more, as of a part that is warm before the thermometer is.
     """
     length = max(float(motion.since[-1]), WARMS_UP)
-    times = [(x, 0.0) for (x,) in log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)]
+    slow = log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)
+    times = [(x, of) for of in (CLOCK, OWN_MOTION) for (x,) in slow]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
-    return [(length, 1.0), *times] if known else list(times)
+    return [(length, THERMOMETER), *times] if known else times
 
 
+def _offset_drift_grid(motion: Motion, j: int) -> Shapes:
+    """The same without the joint's own motion: amplifiers and gauges warm by themselves."""
+    return [s for s in _friction_drift_grid(motion, j) if s[1] != OWN_MOTION]
+
+
+#: What drifts with: the time since the start, the thermometer, the motion that warms the joint.
+CLOCK, THERMOMETER, OWN_MOTION = 0.0, 1.0, 2.0
 #: Shape of what drifts: how fast, and with what.
 _PROGRESS = (
     Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
     Param(
         "of",
         "1",
-        "0: time; 1: measured motor temperature",
+        "0: time; 1: measured motor temperature; 2: the joint's own motion",
         0.0,
-        1.0,
-        codes=((0.0, "time"), (1.0, "measured motor temperature")),
+        2.0,
+        codes=(
+            (CLOCK, "time"),
+            (THERMOMETER, "measured motor temperature"),
+            (OWN_MOTION, "warmed by the joint's own motion"),
+        ),
         choice=True,
     ),
 )
@@ -94,7 +108,7 @@ class FrictionDrift(Effect):
         equation=(
             "tau = s (dc tanh(v / v0) + dv v),  "
             "s = 1 - exp(-t / T)  (t since the start of the run), "
-            "or s = temperature - 25 degC, the same for all runs"
+            "s = temperature - 25 degC, or T s' + s = |v| (warmed by the motion)"
         ),
         signature="friction at the end of the run differs from that at its start, at all speeds",
         confused_with=("load-friction", "coulomb", "viscous"),
@@ -106,11 +120,19 @@ class FrictionDrift(Effect):
         over=Over.TIME,
     )
     params = (
-        Param("dc", "{F}", "change of Coulomb friction, per kelvin in the second form"),
-        Param("dv", "{F} s/{x}", "change of viscous friction, per kelvin in the second form"),
+        Param(
+            "dc",
+            "{F}",
+            "change of Coulomb friction: in all, per kelvin, or per unit of the mean speed",
+        ),
+        Param(
+            "dv",
+            "{F} s/{x}",
+            "change of viscous friction: in all, per kelvin, or per unit of the mean speed",
+        ),
     )
     shape = _PROGRESS
-    search = Grid(_drift_grid)
+    search = Grid(_friction_drift_grid)
     limits = (
         Limit(
             "transient",
@@ -152,7 +174,7 @@ class OffsetDrift(Effect):
     shape = _PROGRESS
     scope = Scope(explains=("motor", "external"))
     relations = Relations(foils=_offset_drift_foils)
-    search = Grid(_drift_grid)
+    search = Grid(_offset_drift_grid)
     limits = (
         Limit(
             "transient",
@@ -167,8 +189,23 @@ class OffsetDrift(Effect):
         return _warmth(motion, j, shape)[:, None]
 
 
+def _warmed(motion: Motion, j: int, time: float) -> FloatArray:
+    """Mean speed of the last while, from cold at the start of the run (n,): rubbing warms.
+
+    What comes after a gap begins as if the joint had moved before as it does on average.
+    """
+    speed, since = np.abs(motion.qd[:, j]), motion.since
+    begins = -float(np.mean(speed)) * float(np.expm1(-since[0] / time))
+    # T s' + s = |v|
+    moved = lag(speed, motion.dt, time)
+    out: FloatArray = moved + (begins - speed[0]) * np.exp(-(since - since[0]) / time)
+    return out
+
+
 def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     """Progress of a drift s (n,)."""
+    if shape[1] == OWN_MOTION:
+        return _warmed(motion, j, float(shape[0]))
     if shape[1] and motion.temperature.shape == motion.q.shape:
         # a machine that is switched on warm is warm: no run has a zero of its own
         measured: FloatArray = motion.temperature[:, j] - ROOM

@@ -24,6 +24,17 @@ def test_grease_that_thins_is_named_with_its_exponent():
     assert all(found.explained.heldout.rms < 1.2 * found.noise)
 
 
+def test_friction_that_its_own_losses_warm_away_drifts_with_the_motion():
+    runs = [plants.warming_axis(k) for k in (1, 2)]
+    found = diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
+    assert [f.effect for f in found.findings] == ["friction-drift"]
+    values = found.findings[0].parameters
+    assert values["j1.friction-drift.of"].value == 2.0
+    assert values["j1.friction-drift.T"].value == pytest.approx(12.0, rel=0.3)
+    before, after = (found.ladder[k].heldout.relative[0] for k in (0, -1))
+    assert after < 0.25 * before
+
+
 def test_a_correction_leaves_the_offset_and_the_viscous_friction_where_they_were():
     runs = [_axis(lambda v: 0.25 * np.sin(5.0 * v), k) for k in (1, 2)]
     model = hil.base_model(runs[0].robot)
