@@ -314,7 +314,7 @@ def _clock(r: Recording, rows: IntArray, stale: NDArray[np.bool_], rate_hz: floa
     error = jitter / period / np.sqrt(12.0 / rows.size) / rows.size if rows.size else 0.0
     gaps = tuple(
         Gap(float(r.t[rows[k]]), float(t[k + 1] - t[k]), int(place[k + 1] - place[k] - 1))
-        for k in np.flatnonzero(np.diff(place) > 1)
+        for k in _holes(instant, place)
     )
     timing = Timing(
         period,
@@ -355,6 +355,14 @@ def _comes_right(dt: FloatArray, k: int, period: float) -> bool:
     return False
 
 
+def _holes(instant: FloatArray, place: IntArray) -> IntArray:
+    """Rows behind which some are missing.
+
+    Two rows of an uneven clock may lie next to one place of the grid: another one is empty then.
+    """
+    return np.flatnonzero((np.diff(place) > 1) & (np.diff(instant) > MISSING)).astype(np.intp)
+
+
 def _refined(t: FloatArray, place: IntArray, period: float) -> float:
     """Slope of the stamps over the places; as it was where that is no better."""
     k = place - place.mean()
@@ -390,13 +398,14 @@ def _strayed(x: FloatArray, q: FloatArray) -> float:
 def _parts(r: Recording, found: _Found, timing: Timing, gap_s: float) -> tuple[list[Even], Timing]:
     """Parts of a run between long gaps, each on its grid; what was split or left out is said."""
     at: FloatArray = found.place * np.float64(timing.period)
-    cuts = np.flatnonzero((np.diff(found.place) > 1) & (np.diff(at) > gap_s))
+    holes = _holes(found.instant, found.place)
+    cuts = holes[np.diff(at)[holes] > gap_s]
     edges = [0, *(int(c) + 1 for c in cuts), found.rows.size]
     ranges = list(pairwise(edges))
     ranges, dropped = _merged(ranges, at)
     starts = {a for a, _ in ranges}
     ends = {b for _, b in ranges}
-    gaps, holes = [], np.flatnonzero(np.diff(found.place) > 1)
+    gaps = []
     for gap, k in zip(timing.gaps, holes, strict=True):
         gaps.append(replace(gap, split=k + 1 in starts or k + 1 in ends))
     parts = [_part(r, found, timing, a, b) for a, b in ranges]
@@ -440,7 +449,7 @@ def _part(r: Recording, found: _Found, timing: Timing, first: int, last: int) ->
             arrays[key] = fill(x, place, values[rows], n)
     if not whole:
         arrays["q"] = _counted(arrays["q"], r.q[rows], place)
-    holes = np.flatnonzero(np.diff(place) > 1)
+    holes = _holes(x, place)
     bridges = np.stack([place[holes] + 1, place[holes + 1]], axis=1) if holes.size else None
     none = np.zeros((0, 2), dtype=np.intp)
     return Even(replace(r, **arrays), none if bridges is None else bridges, start)

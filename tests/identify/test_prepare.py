@@ -147,6 +147,20 @@ def test_samples_that_stray_are_put_on_a_grid() -> None:
     )
 
 
+def test_rows_of_an_uneven_clock_are_missing_only_where_time_passes_without_one() -> None:
+    """Two rows that lie next to one place of the grid leave another one empty."""
+    rng, fs = np.random.default_rng(7), 200.0
+    t = np.sort(np.arange(6000) / fs + 0.15 / fs * rng.standard_normal(6000))
+    t -= t[0]
+    lost = rng.choice(np.arange(20, 5980, 4), 40, replace=False)
+    kept = np.delete(np.arange(6000), lost)
+    _, timing = even(plants.counted_at(t[kept], t[kept], rng, 0.02))
+    assert timing.reading == "stamps"
+    # some steps are as long as a lost row by themselves
+    assert 40 <= len(timing.gaps) <= 60
+    assert all(gap.length > 1.5 / fs for gap in timing.gaps)
+
+
 def test_a_late_stamp_is_no_gap() -> None:
     r = plants.counted_axis(5.0)
     t = r.t.copy()
