@@ -24,9 +24,11 @@ from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
 
 
-def add_sessions(parser: argparse.ArgumentParser, model: bool = True) -> None:
+def add_sessions(
+    parser: argparse.ArgumentParser, model: bool = True, what: str = "sessions to fit"
+) -> None:
     """Options of every command that looks at sessions with a model."""
-    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help="sessions to fit")
+    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help=what)
     add_model(parser)
     if model:
         add_holdout(parser)

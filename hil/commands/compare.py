@@ -17,7 +17,9 @@ EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    common.add_sessions(parser)
+    common.add_sessions(
+        parser, what="sessions to fit; with --as-is: to judge the model on as it is"
+    )
     common.add_report(parser)
     parser.add_argument(
         "--as-is",

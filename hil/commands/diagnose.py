@@ -53,7 +53,7 @@ from hil.report.text import (
 )
 
 SENTENCES = {
-    "missing-effect": "missing-effect: the model lacks what is named below.",
+    "missing-effect": "missing-effect: the given model lacks what is named below.",
     "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
     "unexplained": "unexplained: an effect is missing, and none in the catalogue explains it.",
     "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
