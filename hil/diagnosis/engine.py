@@ -484,7 +484,7 @@ def _what_then(stop: CheckResult, name: str, joint: str) -> str:
     """What to do with a law that would help and is not named."""
     if stop.code == "physical":
         return "What is missing acts like it, and is another law"
-    return f"To try it: hil add {name} --joint {joint} --session S.mcap"
+    return f"To try it: hil add {name} S.mcap --joint {joint}"
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:
