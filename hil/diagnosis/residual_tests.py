@@ -59,7 +59,7 @@ CHANGED = "changed"
 INSTANTS, AROUND = 15, 16
 #: Share of a column below which it is the model's own.
 OWN_SHARE = 1e-4
-CAUSE = "a gain that was set, a screw come loose, something that leans on it?"
+CAUSE = "a gain that was set, a screw come loose, something that leans on it, a part that warms up?"
 #: What to do where a value changed within a run, and where a whole run has another one.
 CUT_THERE = "Give what was recorded before and after that instant as two sessions"
 FIT_APART = (

@@ -159,8 +159,8 @@ def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
         more = f", so would {listed(rest)}" if rest else ""
         out.append(
             f"On {c.joint} {first} would do as much instead{more}: too small a part of the effort "
-            "to be named. To try it, add it to a model without the corrections: "
-            f"hil add {first} --joint {c.joint}."
+            "to be named. To try it beside the given model: "
+            f"hil add {first} S.mcap --joint {c.joint} --model GIVEN.toml."
         )
     return out
 
@@ -501,7 +501,7 @@ def next_steps(m: Material) -> list[str]:
         slow = all(STARTS in text for text in unlike(m))
         return [SLOWLY if slow else ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
-        wait = "Do not add an effect yet; record the motion that separates the rivals."
+        wait = "Do not rely on one of the rivals yet; record the motion that separates them."
         return [wait, *motions[:3]]
     return list(FIXED[m.verdict])
 
