@@ -161,7 +161,7 @@ class Kept:
         return out
 
     def _hold(self, key: tuple[object, ...], made: _Made) -> None:
-        self._made[key] = [*self._made.get(key, ()), made]
+        self._made.setdefault(key, []).append(made)
         if made.spare:
             self._room -= made.columns.nbytes
             self._spare[id(made)] = key, made

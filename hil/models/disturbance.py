@@ -69,7 +69,7 @@ def _friction_drift_grid(motion: Motion, j: int) -> Shapes:
     """
     length = max(float(motion.since[-1]), WARMS_UP)
     slow = log_grid(max(SHORTEST_DRIFT * length, WARMS_UP), 3 * length, 7)
-    times = [(x, of) for of in (CLOCK, OWN_MOTION) for (x,) in slow]
+    times: Shapes = [(x, of) for of in (CLOCK, OWN_MOTION) for (x,) in slow]
     known = motion.temperature.shape == motion.q.shape and np.ptp(motion.temperature[:, j]) > 0
     return [(length, THERMOMETER), *times] if known else times
 
