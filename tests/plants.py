@@ -223,12 +223,12 @@ def cogging_axis(
 ) -> Recording:
     """A joint with cogging of one order, its third harmonic or another wave, and noise.
 
-    `tight`: how much larger its dry friction is about one place, over a part of the range.
+    `tight`: how much larger its dry friction is on one side of a place.
     """
     rng, t = np.random.default_rng(seed), np.arange(10000) / 500.0
     w = 2 * np.pi * np.array([0.11, 0.37, 0.9]) * (1 + 0.07 * seed)
     q, v, a = sines(t, w, np.array([0.9, 0.5, 0.15]), np.array([0.0, 1.0, 2.0]))
-    dry = 0.15 * (1 + tight * np.exp(-(((q - 0.4) / 0.45) ** 2)))
+    dry = 0.15 * (1 + tight * (0.5 + 0.5 * np.tanh((q - 0.4) / 0.1)))
     tau = 0.02 * a + dry * np.tanh(v / 0.01) + 0.05 * v
     tau += first * np.sin(2 * np.pi * COGGING_ORDER * q)
     tau += third * np.sin(2 * np.pi * other * q + 1.0) + 0.004 * rng.standard_normal(t.size)

@@ -204,6 +204,9 @@ LIMIT_SHARE = 0.01
 ROWS_BEYOND = 10
 #: Share of the joint's largest command that a leak from the other one's largest is, at least.
 LEAK = 0.01
+#: Largest share of another channel that is a leak.  Half: two amplifiers on a poor common ground go
+#: unnamed; double: two drives of one beam, which push against each other, leak into each other.
+MOST_LEAK = 0.5
 #: Order of the polynomial of two positions that a leak is set against.
 CUBIC = 3
 
@@ -309,14 +312,14 @@ def _torque_crosstalk_grid(motion: Motion, j: int) -> Shapes:
 
 
 def _torque_crosstalk_leaks(f: Fitted) -> bool:
-    """A channel that follows another one more than its own is swapped, not crossed.
+    """A channel that follows another one by half and more is swapped or coupled, and no leak.
 
     What is less than `LEAK` of the largest effort is no leak: forces are measured to a
     percent or two, and within a sample of the motion.
     """
     most = np.max(np.abs(f.motion.tau), axis=0)
     felt = abs(f.beta[0]) * most[int(f.shape[0]) - 1] >= LEAK * most[f.j]
-    return bool(felt and abs(f.beta[0]) < 1.0 + f.slack[0])
+    return bool(felt and abs(f.beta[0]) < MOST_LEAK + f.slack[0])
 
 
 def _torque_crosstalk_lacks(motion: Motion, j: int) -> str:

@@ -283,7 +283,11 @@ class PeriodicDisturbance(Effect):
     relations = Relations(foils=_periodic_disturbance_foils)
     search = Lines(_periodic_disturbance_grid)
     limits = (
-        Limit("own-line", _periodic_disturbance_foreign, says="its frequency is one of the motion"),
+        Limit(
+            "own-line",
+            _periodic_disturbance_foreign,
+            says="its frequency is one of the motion's own",
+        ),
     )
     traits = Trait.REPLAYED
 

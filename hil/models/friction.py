@@ -320,7 +320,7 @@ class PositionFriction(Effect):
     shape = (
         Param("p", "1/{x}", "periods per unit of position; least: a smooth change", 0.0, size=True),
     )
-    relations = Relations(foils=_position_friction_foils)
+    relations = Relations(causes=("place",), foils=_position_friction_foils)
     search = Waves(_position_friction_grid, carrier=_position_friction_carrier, at_resolution=True)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -398,7 +398,7 @@ class LocalFriction(Effect):
         Param("q0", "{x}", "the place"),
         Param("w", "{x}", "distance at which a third of it is left", 0.0, size=True),
     )
-    relations = Relations(foils=_local_friction_foils)
+    relations = Relations(causes=("place",), foils=_local_friction_foils)
     search = Grid(_local_friction_grid, across=_local_friction_across, rounds=3)
     limits = (
         Limit(

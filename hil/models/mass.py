@@ -186,9 +186,10 @@ def _coupled_spring_lacks(motion: Motion, j: int) -> str:
 
 
 def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
-    """The difference and the sum with every other joint."""
+    """The difference and the sum with every other joint, and with half of its motion."""
     others = [k for k in range(motion.d) if k != j]
-    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in others for s in (-1.0, 1.0)]
+    ratios = (-1.0, 1.0, -0.5, 0.5)
+    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in others for s in ratios]
 
 
 def _coupled_spring_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
@@ -196,6 +197,18 @@ def _coupled_spring_across(motion: Motion, j: int, shape: Sequence[float]) -> Sh
     k, ratio = shape
     even = even_ratio(motion, j, int(k) - 1)
     return [(k, ratio), *((k, x) for x in other_ratios(ratio, even))]
+
+
+#: Share of what bends a spring between two joints that either of them must have.  Half: the other
+#: joint's motion mends what a spring of this joint misses; double: only joints that move alike.
+TAKES_PART = 0.25
+
+
+def _coupled_spring_between(f: Fitted) -> bool:
+    """Both joints bend it: else it is a spring of one of them."""
+    own, other = (float(np.std(f.motion.q[:, k])) for k in (f.j, int(f.shape[0]) - 1))
+    other *= abs(f.shape[1])
+    return min(own, other) >= TAKES_PART * (own + other)
 
 
 class CoupledSpring(Effect):
@@ -221,8 +234,13 @@ class CoupledSpring(Effect):
     scope = Scope(lacks=_coupled_spring_lacks)
     search = Grid(_coupled_spring_grid, across=_coupled_spring_across, refine=False, rounds=4)
 
+    limits = (
+        Limit("between", _coupled_spring_between, says="one of its joints hardly bends it"),
+        BOUNDS,
+    )
+
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """q_j + r q_k, without its mean over the range."""
+        """q_j + r q_k, each about its mid-range."""
         k, mid = int(shape[0]) - 1, motion.span.mean(axis=1)
         q = motion.q - mid
         both: FloatArray = q[:, j] + shape[1] * q[:, k]

@@ -28,7 +28,7 @@ def test_a_wave_of_another_order_is_no_harmonic() -> None:
 
 
 def test_a_tight_spot_is_no_ripple_beside_its_friction() -> None:
-    """Two harmonics of a period as long as the motion hardly make a bump: the rest is no ripple."""
+    """Two harmonics of a period as long as the motion hardly make a step: the rest is no ripple."""
     train, other = (plants.cogging_axis(seed, 0.0, first=0.0, tight=0.6) for seed in (0, 1))
     for holdout in (None, [other]):
         found = diagnose([train], base_model(train.robot), holdout)

@@ -47,7 +47,7 @@ REFUSED = {
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
-    "generic-gravity", "generic-posture", "generic-inertia",
+    "generic-gravity", "generic-posture", "generic-inertia", "generic-loop",
 }  # fmt: skip
 
 
