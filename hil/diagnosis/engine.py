@@ -483,7 +483,7 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
 def _what_then(stop: CheckResult, name: str, joint: str) -> str:
     """What to do with a law that would help and is not named."""
     if stop.code == "physical":
-        return "What is missing acts like it, and is another law"
+        return "What is missing acts much like it"
     return f"To try it: hil add {name} S.mcap --joint {joint}"
 
 

@@ -28,6 +28,7 @@ from hil.models.effect import (
     Waves,
     brakes,
     even_ratio,
+    one_joint,
     other_ratios,
 )
 from hil.models.friction import HARMONICS, harmonics, position_orders
@@ -322,11 +323,6 @@ def _torque_crosstalk_leaks(f: Fitted) -> bool:
     return bool(felt and abs(f.beta[0]) < MOST_LEAK + f.slack[0])
 
 
-def _torque_crosstalk_lacks(motion: Motion, j: int) -> str:
-    """Needs a second joint."""
-    return "" if motion.d > 1 else "the robot has one joint"
-
-
 class TorqueCrosstalk(Effect):
     """A part of another motor's command reaches this one: a common ground, cables side by side."""
 
@@ -340,7 +336,7 @@ class TorqueCrosstalk(Effect):
     )
     params = (Param("e", "1", "share of the other motor's command"),)
     shape = (Param(JOINT, "1", "number of the other joint", 1.0, choice=True),)
-    scope = Scope(lacks=_torque_crosstalk_lacks)
+    scope = Scope(lacks=one_joint)
     relations = Relations(foils=_torque_crosstalk_foils)
     search = Grid(_torque_crosstalk_grid, refine=False)
     limits = (

@@ -257,6 +257,11 @@ def motor_inertias(motion: Motion, j: int, own: float) -> list[float]:
     return [own * x for x in FINER] if own else [s * size * x for x in PARTS for s in (1, -1)]
 
 
+def one_joint(motion: Motion, j: int) -> str:
+    """Why an effect of two joints cannot be tried; empty where there are two."""
+    return "" if motion.d > 1 else "the robot has one joint"
+
+
 def log_grid(low: float, high: float, count: int) -> Shapes:
     """`count` logarithmically spaced one-parameter shapes from low to high."""
     return [(float(x),) for x in np.geomspace(low, max(high, low * 1.001), count)]

@@ -28,6 +28,7 @@ from hil.models.effect import (
     even_ratio,
     log_grid,
     motor_inertias,
+    one_joint,
     other_ratios,
     typical_speed,
 )
@@ -500,11 +501,6 @@ def _coupled_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> 
     return [(k, mode), *((k, x) for x in other_ratios(mode, even) if mode)]
 
 
-def _alone(motion: Motion, j: int) -> str:
-    """Needs a second joint."""
-    return "" if motion.d > 1 else "the robot has one joint"
-
-
 class CoupledFriction(Effect):
     """Friction on this joint caused by another joint's motion (cables over its pulleys)."""
 
@@ -537,7 +533,7 @@ class CoupledFriction(Effect):
             ),
         ),
     )
-    scope = Scope(lacks=_alone)
+    scope = Scope(lacks=one_joint)
     search = Grid(_coupled_friction_grid, across=_coupled_friction_across, refine=False, rounds=4)
     limits = (Limit("drives", _coupled_friction_brakes, says="it would drive the joint"),)
 

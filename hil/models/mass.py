@@ -26,6 +26,7 @@ from hil.models.effect import (
     Trait,
     Waves,
     even_ratio,
+    one_joint,
     other_ratios,
 )
 from hil.models.friction import position_orders
@@ -180,11 +181,6 @@ class Spring(Effect):
         return np.stack([centred, np.ones_like(centred)], axis=1)
 
 
-def _coupled_spring_lacks(motion: Motion, j: int) -> str:
-    """Needs a second joint."""
-    return "" if motion.d > 1 else "the robot has one joint"
-
-
 def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
     """The difference and the sum with every other joint, and with half of its motion."""
     others = [k for k in range(motion.d) if k != j]
@@ -231,9 +227,8 @@ class CoupledSpring(Effect):
         Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's position, in this joint's unit"),
     )
-    scope = Scope(lacks=_coupled_spring_lacks)
+    scope = Scope(lacks=one_joint)
     search = Grid(_coupled_spring_grid, across=_coupled_spring_across, refine=False, rounds=4)
-
     limits = (
         Limit("between", _coupled_spring_between, says="one of its joints hardly bends it"),
         BOUNDS,
