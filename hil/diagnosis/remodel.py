@@ -22,9 +22,9 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
-from hil.diagnosis.types import Candidate, Evidence, Floor, Step
+from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step
 from hil.identify.context import renew
-from hil.identify.design import Term, prefix
+from hil.identify.design import Key, Term, prefix
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -178,6 +178,31 @@ class _Tried:
 
 
 @dataclass
+class _Beside:
+    """What was tried beside a fit, before it was held against any noise.
+
+    One evidence is asked for with several floors: neither shapes nor held-out worth depend on them.
+    """
+
+    result: FitResult
+    projector: Projector
+    changed: tuple[Change, ...]
+    #: Candidates by term, and whether it has values a run; None for one that has no shape here.
+    rated: dict[tuple[Key, bool], Rated | None] = field(default_factory=dict)
+
+    def of(self, terms: Sequence[Term], split: Split) -> list[Rated]:
+        """Candidates for terms with what they are worth; those not tried yet are tried now."""
+        fresh = [t for t in terms if (t.key, t.per_run) not in self.rated]
+        _, found = tried(self.result, fresh, projector=self.projector)
+        self.rated |= {(t.key, t.per_run): None for t in fresh}
+        for r in rate(self.result, split, found):
+            self.rated[r.candidate.term.key, r.candidate.term.per_run] = r
+        known = [self.rated[t.key, t.per_run] for t in terms]
+        # evidence writes into its candidates
+        return [replace(r, candidate=replace(r.candidate)) for r in known if r is not None]
+
+
+@dataclass
 class Models:
     """The models on the way of a search, from the given one to the last, and what may be added.
 
@@ -203,6 +228,7 @@ class Models:
     #: Evidence beside the first model.
     first: Evidence | None = None
     _tried: _Tried | None = None
+    _beside: _Beside | None = None
     #: The noise floor and the errors beside which it was measured.
     _measured: tuple[Floor, FloatArray] | None = None
 
@@ -258,6 +284,10 @@ class Models:
 
     # ------------------------------------------------------------------ evidence
 
+    def forget(self) -> None:
+        """Drop what was tried beside the present model: something that it rests on has changed."""
+        self._tried = self._beside = None
+
     def evidence(self, joints: Sequence[int], kind: str = EFFECT) -> tuple[Evidence, list[Rated]]:
         """All candidates of a kind on some joints beside the present model, or of these."""
         known = self._tried
@@ -270,23 +300,23 @@ class Models:
 
     def _evidence(self, joints: Sequence[int], kind: str) -> tuple[Evidence, list[Rated]]:
         result = self.now.result
+        if self._beside is None or self._beside.result is not result:
+            projector, _ = tried(result, [])
+            self._beside = _Beside(result, projector, changes(result, projector))
+        projector, changed = self._beside.projector, self._beside.changed
         terms, impossible = terms_to_try(result, joints, kind=kind)
-        projector, _ = tried(result, [])
-        changed = changes(result, projector)
         if not changed:
             terms = [t for t in terms if not t.effect.variation.sudden]
-        projector, found = tried(result, terms, projector=projector)
+        rated = self._beside.of(terms, self.split)
+        found = [r.candidate for r in rated]
         floor = self._floor(found, projector)
         priced(found, floor, result)
         detect(found, projector, floor, result, self.seed)
         artefacts.mark_smoothers(found, projector)
         artefacts.mark_blurred(found, result, projector)
-        rated = rate(result, self.split, found)
-        order = sorted(
-            range(len(found)), key=lambda k: -rated[k].removed / max(rated[k].before, 1e-300)
-        )
-        out = Evidence([found[k] for k in order], floor, projector, impossible, changed)
-        return out, [rated[k] for k in order]
+        rated.sort(key=lambda r: -r.removed / max(r.before, 1e-300))
+        candidates = [r.candidate for r in rated]
+        return Evidence(candidates, floor, projector, impossible, changed), rated
 
     def _floor(self, found: list[Candidate], projector: Projector) -> Floor:
         """The noise floor; measured again once an error has halved, and no larger then.

@@ -172,7 +172,8 @@ class Search(Models):
                 renew(now.result)
                 continue
             rung.added = now.added
-            self.rungs[-1], self._tried = rung, None
+            self.rungs[-1] = rung
+            self.forget()
             changed.append(c.joint)
         return changed
 
@@ -203,7 +204,7 @@ class Search(Models):
                 else:
                     rung.added = now.added
                     self.rungs[-1] = rung
-                self._tried = None
+                self.forget()
                 return True
             self.problem.least.clear()
             self.problem.least.update(known)
@@ -269,7 +270,8 @@ class Search(Models):
         for old, new in zip(self.rungs, fresh, strict=True):
             new.added = old.added
         # the noise floor is that of the other alignment
-        self.rungs, self._tried, self._measured = fresh, None, None
+        self.rungs, self._measured = fresh, None
+        self.forget()
 
     def untimed(self) -> bool:
         """Efforts as they were recorded, where all that was found leaves clearly less with them so.
@@ -328,7 +330,8 @@ class Search(Models):
             renew(now.result)
             return
         rung.added = now.added
-        self.rungs[-1], self._tried = rung, None
+        self.rungs[-1] = rung
+        self.forget()
 
     def settle(self, corrections: int) -> bool:
         """Whether the model without its last corrections does better than it did before them.
@@ -348,7 +351,7 @@ class Search(Models):
             return False
         rung.added = before.added
         self.rungs[-1 - corrections :] = [rung]
-        self._tried = None
+        self.forget()
         return True
 
     def alike(self, joints: Sequence[int]) -> dict[int, tuple[str, ...]]:
@@ -368,7 +371,8 @@ class Search(Models):
             good = [r for r in rated if self.pays(r, evidence)]
         out = {j: self._doing_as_much(j, good, rest, last) for j in joints}
         self.rungs.pop()
-        self.stops, self.fired, self._tried = stops, fired, None
+        self.stops, self.fired = stops, fired
+        self.forget()
         return out
 
     def _doing_as_much(
@@ -486,7 +490,8 @@ class Search(Models):
 
     def _judged_by(self, split: Split, judged: Sequence[tuple[Step, BlockErrors]]) -> None:
         """Give every rung its errors on a dealing of the instants."""
-        self.split, self._tried = split, None
+        self.split = split
+        self.forget()
         for rung, (step, errors) in zip(self.rungs, judged, strict=True):
             rung.step, rung.errors = step, errors
 
