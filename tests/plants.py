@@ -87,6 +87,20 @@ def warming_axis(seed: int, seconds: float = 60.0) -> Recording:
     return single(f"run{seed}", t, q, tau, robot=SINGLE)
 
 
+def heated_axis(time: float, by_motion: bool, seconds: float = 60.0) -> Recording:
+    """A slide that goes to and fro; its friction grows by the clock or as its own motion heats it."""
+    t = np.arange(int(seconds * 200)) / 200.0
+    q, v, a = sines(t, 2 * np.pi * np.array([0.31, 0.93]), np.array([0.2, 0.03]), np.zeros(2))
+    heat, now = np.empty(t.size), 0.0
+    for k in range(t.size):
+        heat[k] = now
+        now += (abs(v[k]) - now) / time / 200.0
+    warm = heat if by_motion else np.mean(np.abs(v)) * (1 - np.exp(-t / time))
+    tau = 6.0 * a + (4.0 + 15.0 * warm) * np.tanh(v / 1e-3) + 20.0 * v
+    tau += 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    return single("heated", t, q, tau, robot=SINGLE)
+
+
 def bench_axis(name: str, seed: int, drag: float = 0.0, seconds: float = 20.0) -> Recording:
     """A light axis with friction and, if asked, drag; the motion repeats every 5 s."""
     rng = np.random.default_rng(seed)

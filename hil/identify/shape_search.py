@@ -328,7 +328,7 @@ def searched(
     line = line_of(grid, found.shape) if movable else []
     if movable:
         found, gain = _refine(projector, found, line, known, accuracy)
-        if effect.search.rounds:
+        if effect.search.rounds or any(p.choice for p in effect.shape):
             found, gain, line = _summits(projector, (found, gain, line), grid, known, accuracy)
     for _ in range(max(effect.search.rounds, 1)):
         before = found.shape
@@ -350,21 +350,28 @@ def _summits(
 ) -> tuple[Term, float, list[float]]:
     """The best of the forms' own maxima: term, gain and line of first values.
 
-    A form whose best value on the grid is next to what was found climbs the same one.
+    The maxima of two laws lie anywhere on a grid.  Of one law with another damping, a form whose
+    best value on the grid is next to what was found climbs the same one.  A usual law stands where
+    an unusual one does not leave clearly less.
     """
-    first = best[0]
+    first, laws = best[0], any(p.choice for p in best[0].effect.shape)
+    tops = {first.shape[1:]: best}
     for form in dict.fromkeys(shape[1:] for shape in grid):
         line = sorted(s[0] for s in grid if s[1:] == form)
         gains = [known.get((x, *form), 0.0) for x in line]
         k = int(np.argmax(gains))
         top, gain = line[k], gains[k]
-        same = line[max(k - 1, 0)] <= first.shape[0] <= line[min(k + 1, len(line) - 1)]
-        if form == first.shape[1:] or same or gain < HOPEFUL * best[1]:
+        near = line[max(k - 1, 0)] <= first.shape[0] <= line[min(k + 1, len(line) - 1)]
+        if form in tops or (near and not laws) or gain < HOPEFUL * best[1]:
             continue
         other = _refine(projector, first.reshaped((top, *form)), line, known, accuracy)
-        if other[1] > best[1]:
-            best = (*other, line)
-    return best
+        tops[form] = (*other, line)
+    most = max(tops.values(), key=lambda t: t[1])
+    if not laws:
+        return most
+    enough = most[1] - (CLOSE - 1) * left(projector, most[0], most[1])
+    usual = [tops[f] for f in dict.fromkeys(s[1:] for s in grid) if f in tops]
+    return next((t for t in usual if t[1] >= enough), most)
 
 
 def present(

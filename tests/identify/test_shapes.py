@@ -12,6 +12,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
+from hil.models.disturbance import CLOCK, OWN_MOTION
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import RobotSource
 
@@ -119,6 +120,20 @@ def test_refinement_is_at_least_as_good_as_the_grid(
         assert gain >= coarse
         assert gain == pytest.approx(projector.gain(found))
         assert low <= found.shape[0] <= high
+
+
+@pytest.mark.parametrize("by_motion", [False, True])
+@pytest.mark.parametrize("time", [8.2, 10.5, 13.0])
+def test_each_law_of_an_effect_is_held_against_the_others_at_its_own_maximum(
+    time: float, by_motion: bool
+) -> None:
+    """On a grid the one that happens to have a value nearby would be taken."""
+    run = plants.heated_axis(time, by_motion)
+    problem = Problem([run], run.robot)
+    result = fit(problem, base_model(run.robot) + Use("friction-drift", ("joint1",)))
+    drift = next(t for t in result.terms if t.effect.name == "friction-drift")
+    assert drift.shape[1] == (OWN_MOTION if by_motion else CLOCK)
+    assert drift.shape[0] == pytest.approx(time, rel=0.05)
 
 
 def test_a_wave_at_the_end_of_the_grid_gets_its_own_order() -> None:
