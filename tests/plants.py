@@ -88,7 +88,7 @@ def warming_axis(seed: int, seconds: float = 60.0) -> Recording:
 
 
 def heated_axis(time: float, by_motion: bool, seconds: float = 60.0) -> Recording:
-    """A slide that goes to and fro; its friction grows by the clock or as its own motion heats it."""
+    """A slide to and fro; its friction grows by the clock, or as its own motion heats it."""
     t = np.arange(int(seconds * 200)) / 200.0
     q, v, a = sines(t, 2 * np.pi * np.array([0.31, 0.93]), np.array([0.2, 0.03]), np.zeros(2))
     heat, now = np.empty(t.size), 0.0

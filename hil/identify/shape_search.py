@@ -36,6 +36,10 @@ ODD = 0.02
 #: Gain of another form's maximum on the grid, in units of the best climbed one, from which it is
 #: worth a climb: a step beside its summit a resonance keeps a third of it.
 HOPEFUL = 0.3
+#: How much more a law that a fit has may leave than another one of its effect.  Half of the
+#: surplus: two laws that both foretell what they follow take turns in a fit; double: the law that
+#: was found first stays where more was found beside it.
+STAYS = 1.25
 #: Accuracy of a shape's gain, in a fit and among candidates.
 FINE, COARSE = 5e-5, 2e-4
 
@@ -63,7 +67,7 @@ def best_shape(
     first = simplest(shapes, gains, [left(projector, term, g) for g in gains])
     found, gain = term.reshaped(shapes[first]), gains[first]
     if refine and gain > NEGLIGIBLE * left(projector, term):
-        found, gain = searched(projector, found, grid, known, accuracy)
+        found, gain = searched(projector, found, grid, known, accuracy, term.shape)
     if refine:
         found, gain = present(projector, term, (found, gain), grid, accuracy)
     return _fundamental(projector, found, gain, grid, accuracy)
@@ -321,6 +325,7 @@ def searched(
     grid: list[tuple[float, ...]],
     known: dict[tuple[float, ...], float],
     accuracy: float,
+    present: tuple[float, ...] = (),
 ) -> tuple[Term, float]:
     """The best shape about the grid's best: its first value, the others, the first again."""
     gain, effect = known[found.shape], found.effect
@@ -329,7 +334,9 @@ def searched(
     if movable:
         found, gain = _refine(projector, found, line, known, accuracy)
         if effect.search.rounds or any(p.choice for p in effect.shape):
-            found, gain, line = _summits(projector, (found, gain, line), grid, known, accuracy)
+            found, gain, line = _summits(
+                projector, (found, gain, line), grid, known, accuracy, present
+            )
     for _ in range(max(effect.search.rounds, 1)):
         before = found.shape
         found, gain = _across(projector, found, gain)
@@ -347,12 +354,14 @@ def _summits(
     grid: list[tuple[float, ...]],
     known: dict[tuple[float, ...], float],
     accuracy: float,
+    present: tuple[float, ...],
 ) -> tuple[Term, float, list[float]]:
     """The best of the forms' own maxima: term, gain and line of first values.
 
     The maxima of two laws lie anywhere on a grid.  Of one law with another damping, a form whose
     best value on the grid is next to what was found climbs the same one.  A usual law stands where
-    an unusual one does not leave clearly less.
+    an unusual one does not leave clearly less, and that of the `present` shape yet longer: its
+    rivals are seen beside what the model foretells with it.
     """
     first, laws = best[0], any(p.choice for p in best[0].effect.shape)
     tops = {first.shape[1:]: best}
@@ -369,9 +378,11 @@ def _summits(
     most = max(tops.values(), key=lambda t: t[1])
     if not laws:
         return most
-    enough = most[1] - (CLOSE - 1) * left(projector, most[0], most[1])
+    rest = left(projector, most[0], most[1])
+    if own := tops.get(present[1:]):
+        return own if own[1] >= most[1] - (STAYS - 1) * rest else most
     usual = [tops[f] for f in dict.fromkeys(s[1:] for s in grid) if f in tops]
-    return next((t for t in usual if t[1] >= enough), most)
+    return next(t for t in usual if t[1] >= most[1] - (CLOSE - 1) * rest)
 
 
 def present(

@@ -1,6 +1,7 @@
 """What lies between the commanded and the real motor effort, and between motor and link.
 
-What the motors' amplifiers do to their commands: run into a limit, leak into each other.
+What the motors' amplifiers do to their commands: run into a limit, lose the small ones, leak into
+each other.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from hil.models.effect import (
     Waves,
     brakes,
     even_ratio,
+    log_grid,
     one_joint,
     other_ratios,
 )
@@ -300,6 +302,56 @@ def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
     return out
 
 
+#: Narrowest dead zone that is sought, as a share of the largest effort.  Half: noise looks like
+#: one; double: narrow ones go unnamed.
+DEAD = 0.01
+#: Places of the grid, up to the width within which half of the commands would be lost: a drive of
+#: which less comes through moves nothing.
+DEAD_PLACES = 10
+
+
+def _dead_zone_grid(motion: Motion, j: int) -> Shapes:
+    """Half widths up to the size that half of the efforts have."""
+    size = np.abs(motion.tau[:, j])
+    top = max(float(size.max(initial=0.0)), 1e-12)
+    return log_grid(DEAD * top, max(float(np.median(size)), 2 * DEAD * top), DEAD_PLACES)
+
+
+def _dead_zone_met(f: Fitted) -> bool:
+    """Both sides of it were met: efforts beyond it, up and down, or it is an offset or friction."""
+    tau, width = f.motion.tau[:, f.j], float(f.shape[0])
+    return min(int(np.sum(tau > width)), int(np.sum(tau < -width))) > ROWS_BEYOND
+
+
+class DeadZone(Effect):
+    """Nothing comes of a small command: an amplifier's dead time, the overlap of a valve."""
+
+    name, family = "dead-zone", "actuator"
+    doc = Doc(
+        equation="tau = model + a clip(tau, -D, D)",
+        signature="a step that turns with the effort, not with the motion",
+        confused_with=("coulomb", "load-friction", "torque-saturation"),
+        shown_by="slow strokes under a load that keeps its sign: friction turns, the zone does not",
+        source=(
+            "Tao, Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, "
+            "1996, 2"
+        ),
+    )
+    params = (Param("a", "1", "share of the zone that is lost: 1 but for errors", 0.9, 1.1),)
+    shape = (Param("D", "{F}", "half width", 0.0, size=True),)
+    search = Grid(_dead_zone_grid)
+    limits = (
+        Limit("unmet", _dead_zone_met, says="the efforts hardly pass it on both sides"),
+        STRICT,
+    )
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """What the zone takes of the command."""
+        width = float(shape[0])
+        return np.clip(motion.tau[:, j : j + 1], -width, width)
+
+
 def _torque_crosstalk_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
     """What hangs on both joints' positions: a hose or a bundle of cables between them."""
     a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
@@ -360,5 +412,6 @@ EFFECTS = (
     Cogging(),
     CoupledTransmission(),
     TorqueSaturation(),
+    DeadZone(),
     TorqueCrosstalk(),
 )

@@ -459,10 +459,10 @@ DRIVES: dict[str, Callable[[Place], Drive]] = {
     "torque-offset": offset,
     "torque-ripple": ripple,
     "torque-saturation": saturation,
+    "dead-zone": dead_zone,
     "torque-crosstalk": crosstalk,
     "actuator-lag": lag,
     "delay": delay,
-    "outside-dead-zone": dead_zone,
     "outside-warm-gain": warm_gain,
 }
 

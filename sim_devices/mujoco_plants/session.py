@@ -57,9 +57,12 @@ RANGES = {
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
 LATER = ("sublinear-viscous", "local-friction")
+#: Laws that had no name then: they keep their numbers.
+UNNAMED = {"dead-zone": "outside-dead-zone"}
 
 NAMES = sorted(
-    {"payload-change"}.union(
+    {"payload-change"}
+    .union(
         laws.MOTOR,
         laws.LINK,
         laws.DRIVES,
@@ -67,7 +70,9 @@ NAMES = sorted(
         laws.RECORDED,
         describe.SHAFTS,
         describe.STRUCTURES,
-    ).difference(LATER)
+    )
+    .difference(LATER),
+    key=lambda name: UNNAMED.get(name, name),
 ) + list(LATER)
 
 

@@ -11,6 +11,8 @@ import pytest
 import hil
 from hil.identify.problem import Problem
 from hil.models.catalogue import get
+from hil.models.effect import refused
+from hil.record.recording import Recording
 
 
 @pytest.mark.parametrize(
@@ -32,6 +34,50 @@ def test_a_limit_is_named_and_found(gives, limit, order, accuracy) -> None:
     assert values["L"] == pytest.approx(limit, rel=accuracy)
     last = d.ladder[-1].heldout.rms / d.noise
     assert last.max() < 1.1
+
+
+def _weighted(seed: int, command) -> Recording:
+    """A pendulum; `command` is what the amplifier is told to give an effort."""
+    run = plants.smooth_axis(seed, extra=lambda t, q, v, a: 0.8 * np.sin(q), noise=0.005)
+    return replace(run, tau=command(run.tau))
+
+
+def _gradually(effort: np.ndarray) -> np.ndarray:
+    """Command u of which 0.12 tanh(u / 0.12) is lost."""
+    u = np.linspace(-5.0, 5.0, 20001)
+    return np.interp(effort, u - 0.12 * np.tanh(u / 0.12), u)
+
+
+@pytest.mark.parametrize(
+    ("command", "accuracy"),
+    # another law than that of the catalogue: it closes gradually
+    [(lambda u: u + 0.12 * np.sign(u), 0.05), (_gradually, 0.2)],
+    ids=["sharp", "gradual"],
+)
+def test_a_dead_zone_is_named_with_its_width(command, accuracy) -> None:
+    train, other = (_weighted(k, command) for k in (3, 4))
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert d.verdict == "missing-effect"
+    assert {f.effect for f in d.findings} == {"unbalance", "dead-zone"}
+    (zone,) = (f for f in d.findings if f.effect == "dead-zone")
+    values = {k.rsplit(".")[-1]: v.value for k, v in zone.parameters.items()}
+    # of a joint that never rests no command lies within it: share and width make one step
+    assert values["a"] * values["D"] == pytest.approx(0.12, rel=accuracy)
+
+
+def test_where_friction_is_all_the_effort_a_dead_zone_is_friction() -> None:
+    train, other = (plants.axis(k, gives=lambda u: u - min(max(u, -0.1), 0.1)) for k in (3, 4))
+    d = hil.diagnose([train], hil.base_model(train.robot), [other])
+    assert "dead-zone" not in [f.effect for f in d.findings]
+
+
+def test_a_command_that_is_always_beyond_it_shows_no_dead_zone() -> None:
+    """Of one sign it is an offset."""
+    run = plants.smooth_axis()
+    motion = Problem([run], run.robot).motions[0]
+    assert not refused(get("dead-zone"), motion, 0, (0.3,), (1.0,), (0.1,))
+    heavy = motion.with_(tau=motion.tau + 30.0)
+    assert refused(get("dead-zone"), heavy, 0, (0.3,), (1.0,), (0.1,))
 
 
 def test_a_limit_that_is_not_reached_is_not_named() -> None:

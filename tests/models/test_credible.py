@@ -23,6 +23,7 @@ IMPOSSIBLE = {
     "coupled-transmission": ((2.0, 1.0), (0.1, -0.3, 0.0)),
     "torque-gain": ((), (-1.5,)),
     "torque-saturation": ((1.5, 0.0), (0.3,)),
+    "dead-zone": ((0.3,), (0.3,)),
     "torque-crosstalk": ((2.0,), (1.5,)),
     "torque-ripple": ((3.0,), (0.0, 1.2, 0.0, 0.0)),
     "actuator-lag": ((0.01, 1.0), (0.3,)),
