@@ -242,6 +242,18 @@ def umbilical(p: Place) -> Law:
     return law
 
 
+def cushions(p: Place) -> Law:
+    """Cushions at both ends, unlike in depth and in what they take; each stiffens exponentially."""
+    j, f, mid, r = p.j, 2.5 * p.size, p.link.middle, p.link.reach
+
+    def law(x: State) -> float:
+        up, down = (x.q[j] - mid) / r - 0.45, (mid - x.q[j]) / r - 0.3
+        out = -f * (exp(3.0 * up) - 1.0) if up > 0.0 else 0.0
+        return out + (0.7 * f * (exp(3.5 * down) - 1.0) if down > 0.0 else 0.0)
+
+    return law
+
+
 def cogging(p: Place) -> Law:
     """Magnets' detents: three harmonics of unlike heights."""
     j, f, a = p.j, 1.2 * p.size, p.phase(7.0, 0.8)
@@ -333,6 +345,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
 LINK: dict[str, Callable[[Place], Law]] = {
     "spring": spring,
     "position-torque": umbilical,
+    "two-stops": cushions,
     "periodic-disturbance": hum,
     "outside-creeping-hose": hose,
     "outside-magnetic-latch": latch,

@@ -56,7 +56,7 @@ RANGES = {
 }
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
-LATER = ("sublinear-viscous", "local-friction")
+LATER = ("sublinear-viscous", "local-friction", "two-stops")
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone"}
 

@@ -167,6 +167,11 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
     "unbalance": ((), lambda m, i, j, s: [sin(m.q[i, j]), cos(m.q[i, j])]),
     "position-torque": ((), chebyshev),
     "end-stop": ((0.5, -1.0), stop),
+    "two-stops": (
+        (0.5, -0.4),
+        lambda m, i, j, s: stop(m, i, j, (s[0], 1.0)) + stop(m, i, j, (s[1], -1.0)),
+    ),
+    "dead-zone": ((0.3,), lambda m, i, j, s: [min(max(m.tau[i, j], -s[0]), s[0])]),
     "torque-offset": ((), lambda m, i, j, s: [1.0]),
     "torque-gain": ((), lambda m, i, j, s: [m.load[i, j]]),
     "cogging": ((2.3,), lambda m, i, j, s: waves(m.q[i, j], s[0])),
