@@ -298,10 +298,11 @@ ROUNDED = "rounded-efforts"
 STEPS = (0.7, 8.0)
 #: Steps within the effort's range, at least: of few, the rounding is most of the effort itself.
 LEAST = 10
-#: Lines of the search to one over the effort's range, how many at most, and numbers made at once.
-FINE, MOST, TOGETHER = 16, 2**12, 2**21
-#: Peaks that are looked at closely, and values about one.
-PEAKS, ABOUT = 6, 17
+#: Lines of the search to one over the effort's range, how many at most, and sines of a saw.
+FINE, MOST, OVERTONES = 16, 2**12, 12
+#: Peaks of the search that are fitted, those of them that are looked at closely, and values about
+#: one.
+HILLS, PEAKS, ABOUT = 90, 6, 17
 
 
 def converter(result: FitResult, asked: NDArray[np.bool_]) -> tuple[float, ...]:
@@ -347,40 +348,56 @@ def _rounding(projector: Projector, j: int) -> float:
         b = along / max(size, 1e-300)
         return b * along if WHOLE < b < 1.0 / WHOLE else 0.0
 
-    peaks, apart = _steps(projector, j)
+    hills, apart = _steps(projector, j)
+    peaks = sorted(hills, key=lambda f: -gain(1.0 / f))[:PEAKS]
     near = [1.0 / (f + x) for f in peaks for x in apart * np.linspace(-1.0, 1.0, ABOUT)]
     best = max(near, key=gain, default=0.0)
     return float(best) if best and gain(best) > HALF * float(r @ r) else 0.0
 
 
 def _steps(projector: Projector, j: int) -> tuple[list[float], float]:
-    """Steps a unit of effort that may be the converter's, and how far apart such are."""
+    """Steps a unit of effort that may be the converter's, and how far apart such are.
+
+    What rounding to steps of 1 / f takes from an effort u is a saw of sines,
+
+        u - round(f u) / f = sum_k (-1)^(k + 1) sin(2 pi k f u) / (pi k f),
+
+    so that its product with the residual r is a sum of sine transforms S of what r weighs at each
+    effort, g = F' r with the transpose of the filter.  Its size is about 1 / f.
+    """
     problem = projector.problem
-    own = slice(j * problem.n, (j + 1) * problem.n)
-    r, sigma = projector.residual[own], float(projector.sigma[j])
+    r, sigma = projector.residual[j * problem.n : (j + 1) * problem.n], float(projector.sigma[j])
     effort = [
         _windows(x.tau[:, j], m, x.rate)
         for x, m in zip(problem.recordings, problem.motions, strict=True)
     ]
-    span = float(np.ptp(np.concatenate([x.ravel() for x in effort])))
-    left = float(np.sqrt(12.0 * np.mean(r**2))) * sigma
+    u = np.concatenate([x.ravel() for x in effort])
+    span, left = float(np.ptp(u)), float(np.sqrt(12.0 * np.mean(r**2))) * sigma
     if span <= 0.0 or left <= 0.0:
         return [], 0.0
     apart = 1.0 / (FINE * span)
     first, last = (1.0 / (x * left * apart) for x in STEPS[::-1])
-    f = np.arange(max(int(first), LEAST * FINE), min(int(last), MOST) + 2, dtype=np.float64) * apart
-    if f.size < 3:
+    tried = np.arange(max(int(first), LEAST * FINE), min(int(last), MOST) + 2)
+    if tried.size < 3:
         return [], 0.0
-    score = np.zeros(f.size)
-    for part in np.array_split(
-        np.arange(f.size), min(1 + f.size * problem.instants // TOGETHER, f.size)
-    ):
-        c = problem.gated([_saw(x, np.divide(1.0, f[part])) for x in effort], j)
-        known = projector.inner(own, c)
-        size = np.sum(c**2, axis=0) - np.sum(known**2, axis=0)
-        score[part] = np.maximum(c.T @ r, 0.0) ** 2 / np.maximum(size, 1e-300)
+    each = np.split(problem.back(r, j), np.cumsum([len(x) for x in effort])[:-1])
+    g = np.concatenate(
+        [np.repeat(w / x.shape[1], x.shape[1]) for w, x in zip(each, effort, strict=True)]
+    )
+    bins = OVERTONES * int(tried[-1])
+    place = (u - u.min()) * (bins / span)
+    low = np.minimum(place.astype(np.int64), bins - 1)
+    share = place - low  # between two bins
+    heights = np.bincount(low, g * (1.0 - share), bins + 1)
+    heights += np.bincount(low + 1, g * share, bins + 1)
+    spectrum = np.fft.rfft(heights, FINE * bins)
+    along = np.zeros(tried.size)
+    for k in range(1, OVERTONES + 1):
+        turn = np.exp(-2j * np.pi * apart * u.min() * k * tried)
+        along += (-1) ** k / k * (turn * spectrum[k * tried]).imag
+    score = np.maximum(along, 0.0) ** 2
     high = 1 + np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] > score[2:]))
-    return f[high[np.argsort(score[high])[::-1][:PEAKS]]].tolist(), apart
+    return (apart * tried[high[np.argsort(score[high])[::-1][:HILLS]]]).tolist(), apart
 
 
 def _taken(problem: Problem, step: float, j: int) -> FloatArray:
