@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
+    BOUNDS,
     PER_RUN,
     STRICT,
     Doc,
@@ -181,14 +182,74 @@ class CoupledTransmission(Effect):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Columns (n, d, 3), on joint j and, times r, on the other joint."""
-        k, r = int(shape[0]) - 1, shape[1]
-        w = motion.qd[:, j] + r * motion.qd[:, k]
-        slope = motion.qdd[:, j] + r * motion.qdd[:, k]
-        v0 = float(max(motion.v0[j], abs(r) * motion.v0[k]))
-        parts = np.stack([slope, motion.sign_of(w, slope, v0), w], axis=1)
-        out = np.zeros((motion.n, motion.d, 3))
-        out[:, j], out[:, k] = parts, r * parts
-        return out
+        return _turned_by_both(motion, j, int(shape[0]) - 1, float(shape[1]))
+
+
+def _turned_by_both(motion: Motion, j: int, k: int, r: float) -> FloatArray:
+    """Inertia and friction of a motor that turns with q_j + r q_k: (n, d, 3)."""
+    w = motion.qd[:, j] + r * motion.qd[:, k]
+    slope = motion.qdd[:, j] + r * motion.qdd[:, k]
+    v0 = float(max(motion.v0[j], abs(r) * motion.v0[k]))
+    parts = np.stack([slope, motion.sign_of(w, slope, v0), w], axis=1)
+    out = np.zeros((motion.n, motion.d, 3))
+    out[:, j], out[:, k] = parts, r * parts
+    return out
+
+
+def _differential_brakes(f: Fitted) -> bool:
+    """Friction brakes both motors; the inertia is shared with the arm's own."""
+    k, r = int(f.shape[0]) - 1, f.shape[1]
+    each = ((f.motion.qd[:, f.j] + s * r * f.motion.qd[:, k], at) for s, at in ((1, 1), (-1, 4)))
+    return all(brakes(w, f.beta[at : at + 2], f.slack[at : at + 2]) for w, at in each)
+
+
+def _differential_grid(motion: Motion, j: int) -> Shapes:
+    """Every later joint."""
+    return [(float(k + 1), even_ratio(motion, j, k)) for k in range(j + 1, motion.d)]
+
+
+def _differential_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other ratios of the two gears; equal first."""
+    k, r = shape
+    return [(k, x) for x in (r, *other_ratios(r, even_ratio(motion, j, int(k) - 1))) if x > 0.0]
+
+
+class Differential(Effect):
+    """Two motors drive two joints together: one turns with their sum, one with their difference."""
+
+    name, family = "differential", "transmission"
+    doc = Doc(
+        equation=(
+            "tau_j = p + m,  tau_k = r (p - m),  p = Ip w' + fp tanh(w / v0) + vp w with "
+            "w = v_j + r v_k, and m alike with w = v_j - r v_k"
+        ),
+        signature="friction of two joints that turns with sum and difference of their speeds",
+        confused_with=("coupled-transmission", "coupled-friction"),
+        shown_by="the two joints together with equal and with opposite signs",
+        source="Townsend, Salisbury, in Robots and Biological Systems, 1993 (cable differential)",
+        over=Over.OTHER_SPEED,
+    )
+    params = tuple(
+        Param(f"{name}{end}", unit, f"{text} of the motor that turns with the {which}", lower)
+        for end, which in (("p", "sum"), ("m", "difference"))
+        for name, unit, text, lower in (
+            ("i", "{F} s^2/{x}", "inertia", -np.inf),
+            ("fc", "{F}", "Coulomb friction", 0.0),
+            ("fv", "{F} s/{x}", "viscous friction", 0.0),
+        )
+    )
+    shape = (
+        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
+        Param("r", "1", "ratio of the other joint's motion", 0.0),
+    )
+    scope = Scope(Of.JOINTS, lacks=_coupled_transmission_lacks)
+    search = Grid(_differential_grid, across=_differential_across, refine=False, rounds=4)
+    limits = (Limit("drives", _differential_brakes, says="it would drive the joints"), BOUNDS)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Columns (n, d, 6) of the motors that turn with the sum and with the difference."""
+        k, r = int(shape[0]) - 1, float(shape[1])
+        return np.concatenate([_turned_by_both(motion, j, k, x) for x in (r, -r)], axis=2)
 
 
 #: How round a knee can be: its words, the largest limit worth trying as a share of the largest
@@ -416,6 +477,7 @@ EFFECTS = (
     TorqueGain(),
     Cogging(),
     CoupledTransmission(),
+    Differential(),
     TorqueSaturation(),
     DeadZone(),
     TorqueCrosstalk(),

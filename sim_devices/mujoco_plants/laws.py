@@ -444,6 +444,20 @@ def delay(p: Place) -> Drive:
     return drive
 
 
+def differential(p: Place) -> Drive:
+    """Two motors with seals of their own, which turn with sum and difference of two joints."""
+    j, k, f, v0 = p.j, p.other, 0.6 * p.size, 0.01 * p.link.speed
+    r = p.link.speed / p.robot.links[k].speed
+
+    def drive(u: list[float], x: State) -> None:
+        for side, share in ((1.0, 1.0), (-1.0, 0.8)):
+            rubs = share * f * atan((x.w[j] + side * r * x.w[k]) / v0) * 2.0 / pi
+            u[j] -= rubs
+            u[k] -= side * r * rubs
+
+    return drive
+
+
 def dead_zone(p: Place) -> Drive:
     """Nothing comes through below a threshold."""
     j, width = p.j, 1.5 * p.size
@@ -473,6 +487,7 @@ DRIVES: dict[str, Callable[[Place], Drive]] = {
     "torque-ripple": ripple,
     "torque-saturation": saturation,
     "dead-zone": dead_zone,
+    "differential": differential,
     "torque-crosstalk": crosstalk,
     "actuator-lag": lag,
     "delay": delay,

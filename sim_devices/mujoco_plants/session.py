@@ -28,6 +28,7 @@ NEEDS = {
     "coupled-friction": "arm",
     "torque-crosstalk": "arm",
     "coupled-transmission": "arm",
+    "differential": "arm",
     "payload": "runs",
     "payload-change": "urdf",
     "outside-slosh": "urdf",
@@ -56,13 +57,12 @@ RANGES = {
 }
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
-LATER = ("sublinear-viscous", "local-friction", "two-stops")
+LATER = ("sublinear-viscous", "local-friction", "two-stops", "differential")
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone"}
 
 NAMES = sorted(
-    {"payload-change"}
-    .union(
+    {"payload-change"}.union(
         laws.MOTOR,
         laws.LINK,
         laws.DRIVES,
@@ -70,8 +70,7 @@ NAMES = sorted(
         laws.RECORDED,
         describe.SHAFTS,
         describe.STRUCTURES,
-    )
-    .difference(LATER),
+    ).difference(LATER),
     key=lambda name: UNNAMED.get(name, name),
 ) + list(LATER)
 

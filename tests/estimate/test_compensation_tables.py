@@ -40,7 +40,7 @@ SHAPES = {
 }
 REFUSED = {
     "rigid-body", "armature", "payload", "payload-change", "base-tilt",
-    "coupled-transmission", "contact-stiffness",
+    "coupled-transmission", "differential", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
     "encoder-eccentricity", "missed-counts", "filter-lag", "elastic-transmission",

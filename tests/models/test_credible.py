@@ -21,6 +21,7 @@ IMPOSSIBLE = {
     "hardening-cable": ((3.0, 0.5, 0.1, 0.0, 0.0), (-0.5,)),
     "backlash": ((0.01, 0.0, 0.01, 0.0), (0.1,)),
     "coupled-transmission": ((2.0, 1.0), (0.1, -0.3, 0.0)),
+    "differential": ((2.0, 1.0), (0.1, 0.3, 0.0, 0.1, -0.3, 0.0)),
     "torque-gain": ((), (-1.5,)),
     "torque-saturation": ((1.5, 0.0), (0.3,)),
     "dead-zone": ((0.3,), (0.3,)),

@@ -286,6 +286,16 @@ def test_coupled_transmission_obeys_virtual_work() -> None:
     assert not x[:, 1].any()
 
 
+def test_a_differential_is_two_motors_that_turn_with_sum_and_difference() -> None:
+    motion = motion_of(IndependentAxes(("a", "b", "c")))
+    each = [catalogue.get("coupled-transmission").columns(motion, 0, (3.0, x)) for x in (1.2, -1.2)]
+    got = catalogue.get("differential").columns(motion, 0, (3.0, 1.2))
+    np.testing.assert_array_equal(got, np.concatenate(each, axis=2))
+    # the sum of both turns with joint a alone, and their difference with joint c
+    np.testing.assert_allclose(got[:, 0, 0] + got[:, 0, 3], 2 * motion.qdd[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(got[:, 2, 0] + got[:, 2, 3], 2.88 * motion.qdd[:, 2], rtol=1e-12)
+
+
 def test_whole_robot_effects_are_the_robot_s_own_columns() -> None:
     robot = Premium(("joint1", "joint2", "joint3"))
     motion = motion_of(robot)
@@ -353,6 +363,7 @@ def test_loops_of_presliding_do_not_depend_on_speed(form: float) -> None:
         ("armature", "already contains it"),
         ("coupled-friction", "one joint"),
         ("coupled-transmission", "no later joint"),
+        ("differential", "no later joint"),
         ("contact-damping", "needs 'contact-stiffness'"),
         ("contact-hardening", "needs 'contact-stiffness'"),
         ("contact-hysteresis", "needs 'contact-stiffness'"),
