@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import plants
 import pytest
@@ -10,6 +12,7 @@ import scipy.integrate
 from hil.diagnosis.engine import diagnose
 from hil.models.kernels import lag, softened, sprung
 from hil.models.model import base_model
+from hil.record.recording import Recording
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
@@ -189,3 +192,28 @@ def test_backlash_is_named(width: float) -> None:
     d = diagnose([run], base_model(run.robot) + "position-torque")
     assert d.findings[0].effect == "backlash", [(f.effect, f.confidence) for f in d.findings]
     assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)
+
+
+@pytest.mark.parametrize("unlike", [1.0, 0.7])
+def test_two_motors_of_two_joints_are_a_differential(unlike: float) -> None:
+    """Cables of a wrist: seals of both motors, whose friction is an algebraic function of speed."""
+
+    def wrist(seed: int) -> Recording:
+        run = plants.serial_arm(3, seed)
+        v, tau = np.gradient(run.q, run.t, axis=0), run.tau.copy()
+        for side, size in ((1.0, 0.6), (-1.0, 0.6 * unlike)):
+            w = v[:, 1] + side * 1.5 * v[:, 2]
+            rubs = size * w / np.sqrt(w**2 + 0.02**2)
+            tau[:, 1] += rubs
+            tau[:, 2] += side * 1.5 * rubs
+        return replace(run, tau=tau)
+
+    train, other = wrist(1), wrist(2)
+    d = diagnose([train], base_model(train.robot), [other])
+    (found,) = d.findings
+    assert (found.effect, found.joint) == ("differential", "joint2")
+    values = {k.rsplit(".")[-1]: v.value for k, v in found.parameters.items()}
+    assert values["joint"] == 3.0 and values["r"] == pytest.approx(1.5, rel=0.05)
+    assert values["fcp"] == pytest.approx(0.6, rel=0.1)
+    assert values["fcm"] == pytest.approx(0.6 * unlike, rel=0.1)
+    assert np.all(d.ladder[-1].heldout.rms < 1.1 * d.noise)
