@@ -100,6 +100,13 @@ _PROGRESS = (
 )
 
 
+def _friction_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """Friction that changes at once, at the end of each of some parts of the run."""
+    part = LAW_PARTS * motion.since / max(float(motion.since[-1]), 1e-9)
+    rubs = np.stack([motion.sign(j), motion.qd[:, j]], axis=1)
+    return [(part > k)[:, None] * rubs for k in np.arange(0.5, LAW_PARTS, 0.5)]
+
+
 class FrictionDrift(Effect):
     """Friction that changes with time or temperature."""
 
@@ -132,6 +139,7 @@ class FrictionDrift(Effect):
         ),
     )
     shape = _PROGRESS
+    relations = Relations(foils=_friction_drift_foils)
     search = Grid(_friction_drift_grid)
     limits = (
         Limit(

@@ -62,3 +62,17 @@ def test_a_stop_that_the_first_run_does_not_reach_is_judged_in_the_one_that_does
     runs = [plants.axis_with_stop(swing, k) for k, swing in enumerate((0.5, 1.0, 1.0), 1)]
     found = diagnose(runs[:2], hil.base_model(runs[0].robot), runs[2:])
     assert "end-stop" in {f.effect for f in found.findings}
+
+
+def test_friction_that_changes_at_an_instant_does_not_drift():
+    """Somebody has put oil on it: the time is said, and no drift that would go on."""
+
+    def oiled(t, v):
+        rubs = 0.25 * np.tanh(v / 0.02) + 0.08 * v
+        return np.where(t > 13.0, -0.4 * rubs, 0.0)
+
+    runs = [plants.smooth_axis(k, extra=lambda t, q, v, a: oiled(t, v)) for k in (3, 4)]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot))
+    assert "friction-drift" not in [f.effect for f in d.findings]
+    (said,) = (text for code, text in d.warnings if code == "changed")
+    assert "from 1" in said
