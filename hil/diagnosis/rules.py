@@ -422,7 +422,8 @@ def _transfers(case: Refit) -> str:
         return ""
     j, search = case.rated.joint, case.search
     size = search.problem.rms(search.problem.effort)
-    weight = np.where(search.problem.holds, 0.0, 1.0 / np.maximum(size, 1e-300) ** 2)
+    silent = search.problem.holds | (size == 0.0)
+    weight = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, size) ** 2)
     dealings: dict[str, Split | None] = {"part of the recording": parts(search.split)}
     # no run determines the coefficients that another one has of its own
     if not any(t.per_run for t in case.after.result.terms):
