@@ -24,6 +24,11 @@ better than a spring, which also rings and lags:
 
     s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths.
 
+Nor does a law of that kind explain anything that lowers the squared error by less than the noise
+of the positions makes of it.  With noise e of the size that the positions show, behind their
+filter, the model foretells  y(q + e, ..) - y(q, ..)  more; a real resonance on the tuning plants
+explains eight times the square of that and more.
+
 Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
 
 **Efforts that are rounded after they were recorded.**
@@ -446,6 +451,8 @@ def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
 
 
 POSITION_NOISE = "position-noise"
+#: Seed of the noise that is added to positions.
+STIR = 0
 #: Cut-offs of smoothers [Hz].
 CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 
@@ -453,15 +460,17 @@ CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 # ------------------------------------------------------------ noise of the positions
 
 
-def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
+def mark_smoothers(found: list[Candidate], result: FitResult, projector: Projector) -> None:
     """Say of every candidate that was detected whether all it does is to smooth.
 
     Parameters
     ----------
     found : list of Candidate
         With their evidence.
+    result : FitResult
+        The fit that they were tried beside.
     projector : Projector
-        Of the fit that they were tried beside.
+        Of that fit.
     """
     own = [
         c
@@ -469,10 +478,33 @@ def mark_smoothers(found: list[Candidate], projector: Projector) -> None:
         if Trait.SMOOTHS in c.term.effect.traits and c.p_value <= LEVEL and c.score > 0
     ]
     for j in {c.term.joint for c in own}:
-        smoothers = _smoothers(projector, j)
+        smoothers, stirred = _smoothers(projector, j), _stirred(result, j)
         for c in own:
             if c.term.joint == j:
-                c.smoother = _left(c, projector, smoothers) < TENTH * c.gain
+                c.smoother = c.gain < stirred or _left(c, projector, smoothers) < TENTH * c.gain
+
+
+def _stirred(result: FitResult, j: int) -> float:
+    """Weighted sum of squares that noise of the positions makes of joint j's foretold effort."""
+    problem, draw = result.problem, np.random.default_rng(STIR)
+    each = []
+    for r, m in zip(problem.recordings, problem.motions, strict=True):
+        noise = bands.white_noise(r) * draw.standard_normal(r.q.shape)
+        stride = max(round(m.dt * r.rate), 1)
+        e, de, dde = (
+            x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)
+        )
+        beside, more = m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde), np.zeros((m.n, 1))
+        for t, where in zip(result.terms, result.slices, strict=True):
+            theta = result.theta[where]
+            if t.per_run or not theta.size or not (t.joint == j or t.effect.scope.whole):
+                continue
+            before, after = (t.effect.columns(x, t.joint, t.shape) for x in (m, beside))
+            change = (after - before) @ theta
+            more[:, 0] += change[:, j] if t.effect.scope.whole else change
+        each.append(more)
+    rows = problem.gated(each, j)[:, 0] / result.sigma[j]
+    return float(rows @ rows)
 
 
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:

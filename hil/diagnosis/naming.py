@@ -140,7 +140,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     floor = search.first.floor if search.first else None
     assert floor is not None  # noqa: S101
     priced(found, floor, result)
-    artefacts.mark_smoothers(found, projector)
+    artefacts.mark_smoothers(found, result, projector)
     artefacts.mark_blurred(found, result, projector)
     rated = [_judged_on(r, c.joint) if _own(r, c) else r for r in rate(result, search.split, found)]
     others = [f for f in search.found if f is not c]

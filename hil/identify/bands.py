@@ -90,6 +90,14 @@ def position_noise(q: FloatArray) -> FloatArray:
     return out
 
 
+def white_noise(r: Recording) -> FloatArray:
+    """Standard deviation (d,) of the white noise of a recording's positions.
+
+    That of their second differences, or of their spectrum's upper end where that is more.
+    """
+    return np.maximum(position_noise(r.q), _plateau(r.q, r.rate))
+
+
 def quanta(q: FloatArray) -> FloatArray:
     """Smallest step of each quantised column (d,); 0 where it is not quantised."""
     return np.array([resolution(q[:, j], exact=True) for j in range(q.shape[1])])
@@ -257,7 +265,7 @@ def information(r: Recording) -> tuple[FloatArray, FloatArray]:
     White noise s_q of the positions gives  s_a = s_q (2 pi)^2 sqrt(2 f^5 / (5 fs))  behind a
     cut-off f; s_q is that of the second differences, or of the spectrum's plateau, if more.
     """
-    noise = np.maximum(position_noise(r.q), _plateau(r.q, r.rate))
+    noise = white_noise(r)
     held = holding(r.q, position_noise(r.q) * np.sqrt(12))
     used = np.flatnonzero(~held & (np.ptp(r.q, axis=0) > 0))
     tried = np.geomspace(NARROWEST, max(2 * WIDEST, 2 * NARROWEST), 20)
@@ -272,7 +280,7 @@ def information(r: Recording) -> tuple[FloatArray, FloatArray]:
 
 def noise_share(r: Recording, cutoff: float) -> FloatArray:
     """Noise of the acceleration behind a cut-off [Hz] in units of its rms (d,)."""
-    return _share(r, np.maximum(position_noise(r.q), _plateau(r.q, r.rate)), cutoff)
+    return _share(r, white_noise(r), cutoff)
 
 
 def _share(r: Recording, noise: FloatArray, cutoff: float) -> FloatArray:
