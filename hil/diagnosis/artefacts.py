@@ -22,12 +22,12 @@ What passes an elastic transmission is a smoother load, so that such a law lower
 joint whose encoder is coarse, on held-out runs, too.  A smoother without any delay does that
 better than a spring, which also rings and lags:
 
-    s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths.
+    s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths,
 
-Nor does a law of that kind explain anything that lowers the squared error by less than the noise
-of the positions makes of it.  With noise e of the size that the positions show, behind their
-filter, the model foretells  y(q + e, ..) - y(q, ..)  more; a real resonance on the tuning plants
-explains eight times the square of that and more.
+if there is as much noise.  With noise e of the size that the positions show, behind their filter,
+the model foretells  y(q + e, ..) - y(q, ..)  more.  A law that lowers the squared error by no more
+than about the square of that explains nothing, and what lowers it by a hundred times as much
+smooths no noise, however smooth it is.
 
 Source: errors in variables, Soederstroem, Automatica 43(6), 2007.
 
@@ -60,7 +60,9 @@ from hil.diagnosis.constants import (
     LEAD,
     LEVEL,
     OPEN,
+    STIRRED,
     TENTH,
+    UNSTIRRED,
     WHOLE,
 )
 from hil.diagnosis.types import Candidate, Evidence, Step
@@ -481,7 +483,8 @@ def mark_smoothers(found: list[Candidate], result: FitResult, projector: Project
         smoothers, stirred = _smoothers(projector, j), _stirred(result, j)
         for c in own:
             if c.term.joint == j:
-                c.smoother = c.gain < stirred or _left(c, projector, smoothers) < TENTH * c.gain
+                alike = _left(c, projector, smoothers) < TENTH * c.gain
+                c.smoother = c.gain < (UNSTIRRED if alike else STIRRED) * stirred
 
 
 def _stirred(result: FitResult, j: int) -> float:
@@ -489,7 +492,7 @@ def _stirred(result: FitResult, j: int) -> float:
     problem, draw = result.problem, np.random.default_rng(STIR)
     each = []
     for r, m in zip(problem.recordings, problem.motions, strict=True):
-        noise = bands.white_noise(r) * draw.standard_normal(r.q.shape)
+        noise = bands.white_noise(r, most=False) * draw.standard_normal(r.q.shape)
         stride = max(round(m.dt * r.rate), 1)
         e, de, dde = (
             x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)

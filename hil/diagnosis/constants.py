@@ -145,6 +145,14 @@ LEAD = 0.01
 #: Factor between forward and reverse regression from which a contact law is undetermined.  Half:
 #: laws of soft objects behind noise get no name; double: laws of noise get names.
 DISAGREEMENT = 1.5
+#: What a law of a transmission explains, in units of what the noise of the positions makes of the
+#: foretold effort: below it is noise.  Tuning plants: clean arms with coarse encoders reach 0.95,
+#: resonances begin at 8.  Half: coarse encoders get springs; double: a resonance among such noise
+#: goes unnamed.
+STIRRED = 2.0
+#: The same, above which no noise makes it, however smooth it looks: ten times in size, for noise is
+#: known no better.  Half: a quiet encoder may get a spring; double: a play looks like a smoother.
+UNSTIRRED = 100.0
 #: Steps of an encoder from row to row below which it is coarse.  Clean arms and axes behind
 #: encoders of 14 to 16 bits.  Half: noise of coarse encoders gets names; double: bursts and small
 #: lags of fine ones are excused.

@@ -90,12 +90,15 @@ def position_noise(q: FloatArray) -> FloatArray:
     return out
 
 
-def white_noise(r: Recording) -> FloatArray:
+def white_noise(r: Recording, most: bool = True) -> FloatArray:
     """Standard deviation (d,) of the white noise of a recording's positions.
 
-    That of their second differences, or of their spectrum's upper end where that is more.
+    That of their second differences or of their spectrum's upper end: the larger one, or the
+    smaller one, for a fast motion is in both.
     """
-    return np.maximum(position_noise(r.q), _plateau(r.q, r.rate))
+    pick = np.maximum if most else np.minimum
+    out: FloatArray = pick(position_noise(r.q), _plateau(r.q, r.rate))
+    return out
 
 
 def quanta(q: FloatArray) -> FloatArray:

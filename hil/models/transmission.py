@@ -389,7 +389,7 @@ class Backlash(Effect):
         Limit("share", _backlash_carries, says="too little of the load lies behind it"),
         STRICT,
     )
-    traits = Trait.LOAD | Trait.REPLAYED
+    traits = Trait.LOAD | Trait.REPLAYED | Trait.SMOOTHS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """What passes the play, less the load."""
