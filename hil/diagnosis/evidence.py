@@ -322,9 +322,12 @@ def measured_floor(found: list[Candidate], projector: Projector, result: FitResu
     Free functions of the recording (corrections) are in it as well: what they foretell is no noise.
     """
     extra: list[list[FloatArray]] = [[] for _ in result.problem.joints]
+    # a law that takes the place of another one has its columns
+    held = {(name, c.term.joint) for c in found for name in c.term.effect.relations.replaces}
     for c in [*found, *_free_functions(projector, result)]:
         # what answers noise would take it out of the floor
-        if c.absorbed < 1 - 1e-6 and not _picked(c, projector) and in_time(c, result):
+        news = c.absorbed < 1 - 1e-6 and c.term.key not in held
+        if news and not _picked(c, projector) and in_time(c, result):
             _collect(result.problem.d, c.term, result.problem, extra)
     return measure(result, extra)
 

@@ -26,6 +26,7 @@ from hil.diagnosis.attribution import (
 )
 from hil.diagnosis.candidates import Rated
 from hil.diagnosis.constants import (
+    ADEQUATE,
     BEYOND,
     CERTAIN,
     DISCREPANCY,
@@ -326,7 +327,8 @@ def _at_floor(case: RuleCase) -> str:
 
     That is how well a floor is known; what does more shows that the floor holds it.  Held-out runs
     have the last word, where there are some: they may be above theirs.  An effect at the tip has
-    so many coefficients on so many joints that it finds something in any floor.
+    so many coefficients on so many joints that it finds something in any floor: the error must be
+    above it by a tenth more, and it is no matter how much of it such an effect takes.
     """
     r, search, j = case.rated, case.search, case.rated.joint
     effect, held = r.candidate.term.effect, search.now.step.heldout
@@ -334,7 +336,8 @@ def _at_floor(case: RuleCase) -> str:
     if Trait.CORRECTION in effect.traits or (large and not effect.scope.tip):
         return ""
     own = search.now.result.rms
-    rms = own if effect.scope.tip or held.kind != "holdout" else np.maximum(held.rms, own)
+    rms = own if held.kind != "holdout" else np.maximum(held.rms, own)
+    rms = own / ADEQUATE if effect.scope.tip else rms
     met = not case.evidence.floor.exceeded(rms, j)
     return "the error of its joint is at the noise floor" if met else ""
 

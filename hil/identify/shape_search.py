@@ -24,7 +24,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
-from hil.models.effect import Trait, Waves, alone, typical_speed
+from hil.models.effect import Effect, Trait, Waves, alone, typical_speed
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -333,7 +333,7 @@ def searched(
     line = line_of(grid, found.shape) if movable else []
     if movable:
         found, gain = _refine(projector, found, line, known, accuracy)
-        if effect.search.rounds or any(p.choice for p in effect.shape):
+        if effect.search.rounds or _laws(effect):
             found, gain, line = _summits(
                 projector, (found, gain, line), grid, known, accuracy, present
             )
@@ -348,6 +348,11 @@ def searched(
     return found, gain
 
 
+def _laws(effect: Effect) -> bool:
+    """Whether the forms of an effect are laws of their own, all of which its grid lists."""
+    return any(p.choice for p in effect.shape) and not effect.search.seeks_others
+
+
 def _summits(
     projector: Projector,
     best: tuple[Term, float, list[float]],
@@ -360,10 +365,10 @@ def _summits(
 
     The maxima of two laws lie anywhere on a grid.  Of one law with another damping, a form whose
     best value on the grid is next to what was found climbs the same one.  A usual law stands where
-    an unusual one does not leave clearly less, and that of the `present` shape yet longer: its
-    rivals are seen beside what the model foretells with it.
+    an unusual one takes hardly more; beside a fit that of the `present` shape does, until another
+    one leaves clearly less: its rivals are seen beside what the model foretells with it.
     """
-    first, laws = best[0], any(p.choice for p in best[0].effect.shape)
+    first, laws = best[0], _laws(best[0].effect)
     tops = {first.shape[1:]: best}
     for form in dict.fromkeys(shape[1:] for shape in grid):
         line = sorted(s[0] for s in grid if s[1:] == form)
@@ -382,7 +387,7 @@ def _summits(
     if own := tops.get(present[1:]):
         return own if own[1] >= most[1] - (STAYS - 1) * rest else most
     usual = [tops[f] for f in dict.fromkeys(s[1:] for s in grid) if f in tops]
-    return next(t for t in usual if t[1] >= most[1] - (CLOSE - 1) * rest)
+    return next(t for t in usual if t[1] >= (2 - CLOSE) * most[1])
 
 
 def present(

@@ -243,6 +243,7 @@ class Differential(Effect):
         Param("r", "1", "ratio of the other joint's motion", 0.0),
     )
     scope = Scope(Of.JOINTS, lacks=_coupled_transmission_lacks)
+    relations = Relations(replaces=("coupled-transmission",))
     search = Grid(_differential_grid, across=_differential_across, refine=False, rounds=4)
     limits = (Limit("drives", _differential_brakes, says="it would drive the joints"), BOUNDS)
 
@@ -370,23 +371,39 @@ DEAD = 0.01
 #: Half: the zone of a valve at small loads goes unnamed; double: what is missing is a part of the
 #: command, and explains itself within a wide zone.
 INSIDE = 0.25
+#: Share of the time in which effort and speed have opposite signs, at least: where they never have,
+#: a dead zone is friction.  Half: friction of another form is a dead zone; double: motors that
+#: brake little get none.
+TURNED = 0.1
 #: Places of the grid.
 DEAD_PLACES = 10
 
 
-def _dead_zone_grid(motion: Motion, j: int) -> Shapes:
-    """Half widths up to the size that the least efforts have."""
+def _widths(motion: Motion, j: int) -> tuple[float, float]:
+    """Least and largest half width that is tried."""
     size = np.abs(motion.tau[:, j])
     least = DEAD * max(float(size.max(initial=0.0)), 1e-12)
-    most = float(np.quantile(size, INSIDE)) if size.size else 0.0
-    return log_grid(least, max(most, 2 * least), DEAD_PLACES)
+    return least, max(float(np.quantile(size, INSIDE)) if size.size else 0.0, 2 * least)
+
+
+def _dead_zone_grid(motion: Motion, j: int) -> Shapes:
+    """Half widths up to the size that the least efforts have."""
+    return log_grid(*_widths(motion, j), DEAD_PLACES)
 
 
 def _dead_zone_met(f: Fitted) -> bool:
-    """Both sides of it were met: efforts beyond it, up and down, or it is an offset or friction."""
-    tau, width = f.motion.tau[:, f.j], float(f.shape[0])
+    """Both sides of it were met: efforts beyond it, up and down, or it is an offset or friction.
+
+    At the least and the largest width that were tried, and where more is lost than is asked for,
+    another law is meant.  So it is where the effort turns with the speed.
+    """
+    tau, width, (low, high) = f.motion.tau[:, f.j], float(f.shape[0]), _widths(f.motion, f.j)
     passed = min(int(np.sum(tau > width)), int(np.sum(tau < -width))) > ROWS_BEYOND
-    return passed and float(np.mean(np.abs(tau) < width)) < 1.1 * INSIDE
+    most = f.effect.params[0].upper
+    turned = np.mean((np.abs(tau) > width) & (tau * f.motion.qd[:, f.j] < 0.0))
+    if turned < TURNED:  # friction
+        return False
+    return passed and 1.02 * low < width < 0.98 * high and f.beta[0] < 0.99 * most
 
 
 class DeadZone(Effect):
@@ -403,7 +420,7 @@ class DeadZone(Effect):
             "1996, 2"
         ),
     )
-    params = (Param("a", "1", "share of the zone that is lost: 1 but for errors", 0.9, 1.1),)
+    params = (Param("a", "1", "share of the zone that is lost: 1 but for errors", 0.75, 1.33),)
     shape = (Param("D", "{F}", "half width", 0.0, size=True),)
     search = Grid(_dead_zone_grid)
     limits = (

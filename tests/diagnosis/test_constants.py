@@ -14,7 +14,7 @@ _HELD = {"verbs": {1.0, 0.99, 1.01}}
 _ARITHMETIC = {
     "artefacts": {
         *("WIDER", "WIDEST", "CUTS"),
-        *("STEPS", "LEAST", "FINE", "MOST", "TOGETHER", "PEAKS", "ABOUT"),
+        *("STEPS", "LEAST", "FINE", "MOST", "OVERTONES", "HILLS", "PEAKS", "ABOUT", "STIR"),
     },
     "attribution": {"FURTHER"},
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
