@@ -24,7 +24,7 @@ def _pendulum(seed, size, load=0.15, lean=0.12):
 
 
 def test_the_search_goes_on_from_an_effect_that_takes_nearly_as_much():
-    """Over half a turn and less a spring or stops take more at first than the mass that is there."""
+    """Over half a turn springs or stops take more at first than the mass that is there."""
     runs = [_pendulum(seed, 1.0, lean=0.0) for seed in (1, 2)]
     d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])
     assert d.first.candidates[0].name != "unbalance"
