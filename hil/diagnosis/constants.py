@@ -146,9 +146,9 @@ LEAD = 0.01
 #: laws of soft objects behind noise get no name; double: laws of noise get names.
 DISAGREEMENT = 1.5
 #: What a law of a transmission explains, in units of what the noise of the positions makes of the
-#: foretold effort: below it is noise.  Tuning plants: clean arms with coarse encoders reach 0.95,
-#: resonances begin at 8.  Half: coarse encoders get springs; double: a resonance among such noise
-#: goes unnamed.
+#: foretold effort: below it is noise.  Simulated machines: clean ones with coarse encoders reach
+#: 0.95, resonances begin at 8.  Half: coarse encoders get springs; double: a resonance among such
+#: noise goes unnamed.
 STIRRED = 2.0
 #: The same, above which no noise makes it, however smooth it looks: ten times in size, for noise is
 #: known no better.  Half: a quiet encoder may get a spring; double: a play looks like a smoother.

@@ -193,10 +193,11 @@ class _Beside:
     def of(self, terms: Sequence[Term], split: Split) -> list[Rated]:
         """Candidates for terms with what they are worth; those not tried yet are tried now."""
         fresh = [t for t in terms if (t.key, t.per_run) not in self.rated]
-        _, found = tried(self.result, fresh, projector=self.projector)
-        self.rated |= {(t.key, t.per_run): None for t in fresh}
-        for r in rate(self.result, split, found):
-            self.rated[r.candidate.term.key, r.candidate.term.per_run] = r
+        if fresh:
+            _, found = tried(self.result, fresh, projector=self.projector)
+            self.rated |= {(t.key, t.per_run): None for t in fresh}
+            for r in rate(self.result, split, found):
+                self.rated[r.candidate.term.key, r.candidate.term.per_run] = r
         known = [self.rated[t.key, t.per_run] for t in terms]
         # evidence writes into its candidates
         return [replace(r, candidate=replace(r.candidate)) for r in known if r is not None]

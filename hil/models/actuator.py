@@ -220,13 +220,13 @@ class Differential(Effect):
     name, family = "differential", "transmission"
     doc = Doc(
         equation=(
-            "tau_j = p + m,  tau_k = r (p - m),  p = Ip w' + fp tanh(w / v0) + vp w with "
+            "tau_j = p + m,  tau_k = r (p - m),  p = ip w' + fcp tanh(w / v0) + fvp w with "
             "w = v_j + r v_k, and m alike with w = v_j - r v_k"
         ),
         signature="friction of two joints that turns with sum and difference of their speeds",
         confused_with=("coupled-transmission", "coupled-friction"),
         shown_by="the two joints together with equal and with opposite signs",
-        source="Townsend, Salisbury, in Robots and Biological Systems, 1993 (cable differential)",
+        source="Townsend, Salisbury, in: Robots and Biological Systems, 1993 (cable-driven arm)",
         over=Over.OTHER_SPEED,
     )
     params = tuple(
@@ -399,11 +399,9 @@ def _dead_zone_met(f: Fitted) -> bool:
     """
     tau, width, (low, high) = f.motion.tau[:, f.j], float(f.shape[0]), _widths(f.motion, f.j)
     passed = min(int(np.sum(tau > width)), int(np.sum(tau < -width))) > ROWS_BEYOND
-    most = f.effect.params[0].upper
-    turned = np.mean((np.abs(tau) > width) & (tau * f.motion.qd[:, f.j] < 0.0))
-    if turned < TURNED:  # friction
-        return False
-    return passed and 1.02 * low < width < 0.98 * high and f.beta[0] < 0.99 * most
+    turned = np.mean((np.abs(tau) > width) & (tau * f.motion.qd[:, f.j] < 0.0)) > TURNED
+    inside = 1.02 * low < width < 0.98 * high and f.beta[0] < 0.99 * f.effect.params[0].upper
+    return bool(passed and turned and inside)
 
 
 class DeadZone(Effect):
