@@ -101,6 +101,28 @@ def heated_axis(time: float, by_motion: bool, seconds: float = 60.0) -> Recordin
     return single("heated", t, q, tau, robot=SINGLE)
 
 
+def ringing_axis(seed: int, seconds: float = 120.0) -> Recording:
+    """A clean axis: strokes to random places, whose servo rings, 20 000 counts a turn, 100 Hz."""
+    rng, fine = np.random.default_rng(seed), 1000
+    t = np.arange(int(seconds * fine)) / fine
+    speed, at, place = np.zeros(t.size), 0.5, 0.0
+    while at < seconds - 3.0:
+        way = rng.uniform(-2.0, 2.0) - place
+        top = 3.0 * rng.uniform(0.35, 1.0)
+        ramp = min(top / 12.0, np.sqrt(abs(way) / 12.0))
+        top = min(top, 12.0 * ramp)
+        last, u = abs(way) / top + ramp, t - at
+        speed += np.sign(way) * top * np.clip(np.minimum(u, last - u) / ramp, 0.0, 1.0)
+        at, place = at + last + rng.uniform(0.3, 1.0), place + way
+    servo = scipy.signal.butter(2, 14.0, fs=fine, output="sos")
+    q = scipy.signal.sosfilt(servo, np.cumsum(speed) / fine)
+    v = np.gradient(q, t)
+    tau = 0.08 * np.gradient(v, t) + 0.5 * np.tanh(v / 0.01) + 0.12 * v + 0.02
+    tau += 0.01 * rng.standard_normal(t.size)
+    count, pick = 2 * np.pi / 20000, slice(None, None, 10)
+    return single("rings", t[pick], np.round(q[pick] / count) * count, tau[pick], robot=SINGLE)
+
+
 def bench_axis(name: str, seed: int, drag: float = 0.0, seconds: float = 20.0) -> Recording:
     """A light axis with friction and, if asked, drag; the motion repeats every 5 s."""
     rng = np.random.default_rng(seed)

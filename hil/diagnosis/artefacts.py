@@ -555,13 +555,18 @@ def _smoothed(load: FloatArray, fs: float, cut: float) -> FloatArray:
 
 
 def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
-    """Part of the squared error (d,) that smoothing the positions' noise would take away."""
+    """Part of the squared error (d,) that the positions' noise makes.
+
+    Of a joint where a law does no more than smooth it: what that takes away, or what the noise
+    makes of the foretold effort, if that is more.
+    """
     out = np.zeros(result.problem.d)
     for c in evidence.candidates:
         if c.smoother:
             j = c.term.joint
-            power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
-            out[j] = max(out[j], float(power))
+            power = result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
+            made = power * max(float(c.parts[j]), _stirred(result, j))
+            out[j] = max(out[j], min(made, float(result.rms[j]) ** 2))
     return out
 
 
