@@ -560,11 +560,15 @@ def _two_stops_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
 
 
 def _two_stops_push(f: Fitted) -> bool:
-    """Each pushes back and takes energy, and the lower one is the lower one."""
+    """Each pushes back, stiffens and takes energy, and the lower one is the lower one.
+
+    Two that soften are a curve over the position.
+    """
     upper, lower = f.shape
     columns = f.effect.columns(f.motion, f.j, f.shape)
     return lower <= upper and all(
-        _pushes(side * columns[:, k : k + 3], f.beta[k : k + 3], f.slack[k + 2])
+        f.beta[k + 1] >= -f.slack[k + 1]
+        and _pushes(side * columns[:, k : k + 3], f.beta[k : k + 3], f.slack[k + 2])
         for k, side in ((0, 1.0), (3, -1.0))
     )
 
@@ -609,7 +613,7 @@ class TwoStops(Effect):
         Limit(
             "pulls",
             _two_stops_push,
-            says="a stop pushes back and takes energy, and one of these does not",
+            says="a stop pushes back, stiffens and takes energy, and one of these does not",
         ),
     )
 
