@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
-    BOUNDS,
     PER_RUN,
     STRICT,
     Doc,
@@ -197,7 +196,10 @@ def _turned_by_both(motion: Motion, j: int, k: int, r: float) -> FloatArray:
 
 
 def _differential_brakes(f: Fitted) -> bool:
-    """Friction brakes both motors; the inertia is shared with the arm's own."""
+    """Friction brakes both motors; the inertia is shared with the arm's own.
+
+    So is the viscous part, which alone may come out below zero.
+    """
     k, r = int(f.shape[0]) - 1, f.shape[1]
     each = ((f.motion.qd[:, f.j] + s * r * f.motion.qd[:, k], at) for s, at in ((1, 1), (-1, 4)))
     return all(brakes(w, f.beta[at : at + 2], f.slack[at : at + 2]) for w, at in each)
@@ -235,7 +237,7 @@ class Differential(Effect):
         for name, unit, text, lower in (
             ("i", "{F} s^2/{x}", "inertia", -np.inf),
             ("fc", "{F}", "Coulomb friction", 0.0),
-            ("fv", "{F} s/{x}", "viscous friction", 0.0),
+            ("fv", "{F} s/{x}", "viscous friction", -np.inf),
         )
     )
     shape = (
@@ -245,7 +247,7 @@ class Differential(Effect):
     scope = Scope(Of.JOINTS, lacks=_coupled_transmission_lacks)
     relations = Relations(replaces=("coupled-transmission",))
     search = Grid(_differential_grid, across=_differential_across, refine=False, rounds=4)
-    limits = (Limit("drives", _differential_brakes, says="it would drive the joints"), BOUNDS)
+    limits = (Limit("drives", _differential_brakes, says="it would drive the joints"),)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Columns (n, d, 6) of the motors that turn with the sum and with the difference."""
