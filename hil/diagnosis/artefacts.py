@@ -67,6 +67,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.types import Candidate, Evidence, Step
 from hil.identify import bands
+from hil.identify.context import drives
 from hil.identify.design import Term
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
@@ -479,35 +480,32 @@ def mark_smoothers(found: list[Candidate], result: FitResult, projector: Project
         for c in found
         if Trait.SMOOTHS in c.term.effect.traits and c.p_value <= LEVEL and c.score > 0
     ]
+    stirred = _stirred(result) if own else np.zeros(0)
     for j in {c.term.joint for c in own}:
-        smoothers, stirred = _smoothers(projector, j), _stirred(result, j)
+        smoothers = _smoothers(projector, j)
         for c in own:
             if c.term.joint == j:
+                c.stirred = float(stirred[j])
                 alike = _left(c, projector, smoothers) < TENTH * c.gain
-                c.smoother = c.gain < (UNSTIRRED if alike else STIRRED) * stirred
+                c.smoother = c.gain < (UNSTIRRED if alike else STIRRED) * c.stirred
 
 
-def _stirred(result: FitResult, j: int) -> float:
-    """Weighted sum of squares that noise of the positions makes of joint j's foretold effort."""
+def _stirred(result: FitResult) -> FloatArray:
+    """Weighted sum of squares that noise of the positions makes of the foretold efforts (d,)."""
     problem, draw = result.problem, np.random.default_rng(STIR)
-    each = []
+    noisy = []
     for r, m in zip(problem.recordings, problem.motions, strict=True):
         noise = bands.white_noise(r, most=False) * draw.standard_normal(r.q.shape)
         stride = max(round(m.dt * r.rate), 1)
         e, de, dde = (
             x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)
         )
-        beside, more = m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde), np.zeros((m.n, 1))
-        for t, where in zip(result.terms, result.slices, strict=True):
-            theta = result.theta[where]
-            if t.per_run or not theta.size or not (t.joint == j or t.effect.scope.whole):
-                continue
-            before, after = (t.effect.columns(x, t.joint, t.shape) for x in (m, beside))
-            change = (after - before) @ theta
-            more[:, 0] += change[:, j] if t.effect.scope.whole else change
-        each.append(more)
-    rows = problem.gated(each, j)[:, 0] / result.sigma[j]
-    return float(rows @ rows)
+        noisy.append(m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde))
+    law = problem, result.terms, result.theta, result.slices
+    each = [b - a for a, b in zip(drives(*law), drives(*law, noisy), strict=True)]
+    rows = np.stack([problem.gated([x[:, j : j + 1] for x in each], j) for j in range(problem.d)])
+    out: FloatArray = np.sum((rows[:, :, 0] / result.sigma[:, None]) ** 2, axis=1)
+    return out
 
 
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:
@@ -565,7 +563,7 @@ def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
         if c.smoother:
             j = c.term.joint
             power = result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)
-            made = power * max(float(c.parts[j]), _stirred(result, j))
+            made = power * max(float(c.parts[j]), c.stirred)
             out[j] = max(out[j], min(made, float(result.rms[j]) ** 2))
     return out
 

@@ -105,6 +105,8 @@ class Candidate:
         Its joint; of an effect of the whole robot, the joint where it explains most.
     smoother : bool
         Whether all that it does is to smooth the noise of the positions.
+    stirred : float
+        What that noise makes of its joint's foretold effort, as a gain; of laws that may smooth it.
     blurred : bool
         Whether all that it explains is reversals that the motion's filter blurs.
     parts : ndarray (d,)
@@ -125,6 +127,7 @@ class Candidate:
     errors: tuple[float, ...] = ()
     joint: int = 0
     smoother: bool = False
+    stirred: float = 0.0
     blurred: bool = False
     parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)

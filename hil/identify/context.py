@@ -94,22 +94,29 @@ def update_load(
     motions = _responding(problem.motions, terms, theta, slices)
     problem.motions = [_sliding(m, terms, theta, slices) for m in motions]
     if problem.explains == "motor":
-        parts = zip(problem.motions, _drives(problem, terms, theta, slices), strict=True)
+        parts = zip(problem.motions, drives(problem, terms, theta, slices), strict=True)
         problem.motions = [_driving(m, x) for m, x in parts]
 
 
-def _drives(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice]
+def drives(
+    problem: Problem,
+    terms: Sequence[Term],
+    theta: FloatArray,
+    slices: Sequence[slice],
+    motions: Sequence[Motion] | None = None,
 ) -> list[FloatArray]:
-    """Motor effort that the terms foretell (n, d), run by run."""
-    out = [-m.tau_ext for m in problem.motions]
+    """Motor effort that the terms foretell (n, d), run by run, of these motions or the fitted."""
+    out = [-m.tau_ext for m in motions or problem.motions]
     for t, where in zip(terms, slices, strict=True):
         if where.start == where.stop:  # a difference between runs, of which there is one
             continue
         each = by_run(t, theta[where], problem.runs)[problem.whole] if t.per_run else None
         parts = [theta[where]] * len(out) if each is None else list(each)
         at = slice(None) if t.effect.scope.whole else t.joint
-        raw = problem.raw(t.effect, t.joint, t.shape)
+        if motions is None:
+            raw = problem.raw(t.effect, t.joint, t.shape)
+        else:
+            raw = [t.effect.columns(m, t.joint, t.shape) for m in motions]
         for total, columns, part in zip(out, raw, parts, strict=True):
             total[:, at] += columns @ part
     return out

@@ -387,7 +387,7 @@ def _summits(
     if own := tops.get(present[1:]):
         return own if own[1] >= most[1] - (STAYS - 1) * rest else most
     usual = [tops[f] for f in dict.fromkeys(s[1:] for s in grid) if f in tops]
-    return next(t for t in usual if t[1] >= (2 - CLOSE) * most[1])
+    return next((t for t in usual if t[1] >= (2 - CLOSE) * most[1]), most)
 
 
 def present(

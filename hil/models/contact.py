@@ -1,4 +1,4 @@
-"""The environment that a tip or lever touches: laws of the force it returns.
+"""What a tip or lever touches, laws of the force that it returns; and the stops that a joint meets.
 
 d = max(0, side (q - q0)) is the penetration; the force ON the robot pushes it back.  The
 other laws refer to the surface (q0, side) that `contact-stiffness` found.
@@ -19,8 +19,10 @@ from hil.models.effect import (
     Limit,
     Over,
     Param,
+    Relations,
     Scope,
     Shapes,
+    Sight,
     Trait,
     log_grid,
 )
@@ -217,7 +219,181 @@ class ContactInclusion(_ContactLaw):
         return (-side * np.maximum(0.0, depth - shape[0]))[:, None]
 
 
+#: Share of a stop's squared effort that may pull: noise, and the form of its law.
+PULL = 0.05
+
+
+def _end_stop_pushes(f: Fitted) -> bool:
+    """A stop pushes back and takes energy: it neither pulls nor drives.
+
+    Its effort acts towards the range at (nearly) all instants of contact, and what drives in
+    its damping is noise or next to nothing: another effect that is still missing on the joint
+    tilts it by so much.  Friction that depends on the position fails this: it changes its sign
+    with the speed.
+    """
+    side = 1.0 if f.shape[1] > 0 else -1.0
+    return _pushes(side * f.effect.columns(f.motion, f.j, f.shape), f.beta, f.slack[2])
+
+
+def _pushes(columns: FloatArray, beta: Sequence[float], slack: float) -> bool:
+    """Whether a stop's columns (n, 3), as if it were an upper one, push back and take energy."""
+    parts = columns * np.array(beta)
+    push = parts.sum(axis=1)
+    power = PULL * float(np.sum(push**2))
+    pull = float(np.sum(np.minimum(push, 0.0) ** 2))
+    brakes = beta[2] >= -slack or float(np.sum(parts[:, 2] ** 2)) <= power
+    return brakes and 0.0 < power and pull <= power
+
+
+def _end_stop_grid(motion: Motion, j: int) -> Shapes:
+    """2 to 55 % of the span from either end: a spring may engage within the range, too."""
+    low, high = motion.span[j]
+    fractions = (0.02, 0.05, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.55)
+    upper: Shapes
+    upper = [(float(high - f * (high - low)), 1.0) for f in fractions]
+    return upper + [(float(low + f * (high - low)), -1.0) for f in fractions]
+
+
+#: Penetration; the side is 1 or -1.
+_DEPTH = "side * max(0, side * (q - q0))"
+
+
+class EndStop(Effect):
+    """A stop that pushes back beyond a position."""
+
+    name, family = "end-stop", "stiffness"
+    doc = Doc(
+        equation=(
+            "tau = k d + h d |d| + c |d| v,  d = max(0, q - q0) (upper), min(0, q - q0) (lower)"
+        ),
+        signature="residual only on one side of a position, often near an end of the range",
+        confused_with=("spring", "position-torque"),
+        shown_by="strokes that reach the end of the range, slowly and fast",
+        source="Hunt, Crossley, J. Applied Mechanics 42, 1975",
+        shown=Sight.RANGE,
+        over=Over.POSITION,
+        formulas=(_DEPTH, f"{_DEPTH} * abs({_DEPTH})", f"abs({_DEPTH}) * v"),
+    )
+    params = (
+        Param("k", "{F}/{x}", "stiffness at first touch", 0.0),
+        Param("h", "{F}/{x}^2", "hardening"),
+        Param("c", "{F} s/{x}^2", "damping per penetration"),
+    )
+    shape = (
+        Param("q0", "{x}", "position of the stop"),
+        Param(
+            "side",
+            "1",
+            "+1 upper, -1 lower",
+            -1.0,
+            1.0,
+            codes=((1.0, "upper stop"), (-1.0, "lower stop")),
+            choice=True,
+        ),
+    )
+    relations = Relations(causes=("stop",))
+    search = Grid(_end_stop_grid)
+    limits = (
+        Limit(
+            "pulls",
+            _end_stop_pushes,
+            says="a stop pushes back and takes energy, and this one does not",
+        ),
+    )
+    traits = Trait.STOP
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[d, d |d|, |d| v]."""
+        side = 1.0 if shape[1] > 0 else -1.0
+        depth = side * np.maximum(0.0, side * (motion.q[:, j] - shape[0]))
+        return np.stack([depth, depth * np.abs(depth), np.abs(depth) * motion.qd[:, j]]).T
+
+
+#: Parts of the span that each of two stops takes, of the grid.
+TWO_DEPTHS = (0.02, 0.05, 0.1, 0.16, 0.24, 0.35, 0.48)
+
+
+def _two_stops_grid(motion: Motion, j: int) -> Shapes:
+    """As far from either end."""
+    low, high = motion.span[j]
+    return [(float(high - f * (high - low)), float(low + f * (high - low))) for f in TWO_DEPTHS]
+
+
+def _two_stops_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Other places of the lower one, below the upper one."""
+    low, high = motion.span[j]
+    places = [float(low + f * (high - low)) for f in np.linspace(0.01, 0.6, 25)]
+    return [(shape[0], x) for x in places if x <= shape[0]]
+
+
+def _two_stops_push(f: Fitted) -> bool:
+    """Each pushes back, stiffens and takes energy, and the lower one is the lower one.
+
+    Two that soften are a curve over the position.
+    """
+    upper, lower = f.shape
+    columns = f.effect.columns(f.motion, f.j, f.shape)
+    return lower <= upper and all(
+        f.beta[k + 1] >= -f.slack[k + 1]
+        and _pushes(side * columns[:, k : k + 3], f.beta[k : k + 3], f.slack[k + 2])
+        for k, side in ((0, 1.0), (3, -1.0))
+    )
+
+
+class TwoStops(Effect):
+    """A stop at either end: cushions, springs that centre a lever, the ligaments of a joint."""
+
+    name, family = "two-stops", "stiffness"
+    doc = Doc(
+        equation=(
+            "tau = k d + h d |d| + c |d| v, with values of its own for d = max(0, q - q0) (upper) "
+            "and for d = min(0, q - q1) (lower)"
+        ),
+        signature="residual at both ends of the range, with opposite signs, and none between",
+        confused_with=("end-stop", "position-torque", "spring"),
+        shown_by="strokes that reach both ends of the range, slowly and fast",
+        source="Hunt, Crossley, J. Applied Mechanics 42, 1975",
+        shown=Sight.RANGE,
+        over=Over.POSITION,
+        formulas=tuple(
+            text
+            for d in ("max(0, q - q0)", "min(0, q - q1)")
+            for text in (d, f"{d} * abs({d})", f"abs({d}) * v")
+        ),
+    )
+    params = tuple(
+        Param(f"{name}{end}", unit, f"{text}, {which} stop", lower)
+        for end, which in (("", "upper"), ("1", "lower"))
+        for name, unit, text, lower in (
+            ("k", "{F}/{x}", "stiffness at first touch", 0.0),
+            ("h", "{F}/{x}^2", "hardening", -np.inf),
+            ("c", "{F} s/{x}^2", "damping per penetration", -np.inf),
+        )
+    )
+    shape = (
+        Param("q0", "{x}", "position of the upper stop"),
+        Param("q1", "{x}", "position of the lower stop"),
+    )
+    relations = Relations(replaces=("end-stop",), causes=("stop",))
+    search = Grid(_two_stops_grid, across=_two_stops_across, rounds=3)
+    limits = (
+        Limit(
+            "pulls",
+            _two_stops_push,
+            says="a stop pushes back, stiffens and takes energy, and one of these does not",
+        ),
+    )
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """[d, d |d|, |d| v] of the upper and of the lower stop."""
+        q, v = motion.q[:, j], motion.qd[:, j]
+        each = (np.maximum(0.0, q - shape[0]), np.minimum(0.0, q - shape[1]))
+        return np.stack([x for d in each for x in (d, d * np.abs(d), np.abs(d) * v)]).T
+
+
 EFFECTS: tuple[Effect, ...] = (
+    EndStop(),
+    TwoStops(),
     ContactStiffness(),
     ContactDamping(),
     ContactHardening(),
