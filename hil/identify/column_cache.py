@@ -7,7 +7,7 @@ its fields it looks at.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ ROOM_PART = 8
 FIELDS = frozenset(f.name for f in fields(Motion)) - {"robot"}
 #: Those that are compared by value and not as objects.
 SMALL_FIELDS = frozenset({"v0", "resolution", "span", "contact", "grain"})
+#: An effect's name, its joint, and what tells its columns from others of it.
+Key = tuple[object, ...]
 #: What was looked at: a field, and of the sign resolution possibly one joint's.
 Field = tuple[str, int | None]
 #: All of them, in one order.
@@ -72,39 +74,65 @@ def watched(
 
 
 @dataclass
-class _Made:
-    columns: FloatArray
+class _Moment:
+    """Columns that were made of one state of the fields that they looked at."""
+
     seen: Seen
     states: tuple[object, ...]
-    #: Whether another round of a search may do without it: then no more than `CACHE_BYTES`.
-    spare: bool
+    #: Columns by key; those another round of a search may do without are the spare ones.
+    needed: dict[Key, FloatArray] = field(default_factory=dict)
+    spare: dict[Key, FloatArray] = field(default_factory=dict)
+
+    def get(self, key: Key) -> FloatArray | None:
+        """Columns under a key; None if there are none."""
+        known = self.needed.get(key)
+        return self.spare.get(key) if known is None else known
+
+    def copied(self, states: tuple[object, ...]) -> _Moment:
+        """The same columns, under the same states as they are named now."""
+        return _Moment(self.seen, states, dict(self.needed), dict(self.spare))
+
+    def latest(self, room: int) -> tuple[dict[Key, FloatArray], int]:
+        """The latest spare columns that have room, the oldest first, and the room that is left."""
+        some = []
+        for key, columns in reversed(self.spare.items()):
+            if columns.nbytes <= room:
+                some.append((key, columns))
+                room -= columns.nbytes
+        return dict(reversed(some)), room
 
 
 class Kept:
     """Columns by key; one whose fields have changed since counts as absent.
 
     Columns that are tried are made again and again as a search goes on.  They are kept, for several
-    values of the small fields (a sign's resolution) at once, until newer ones need their room.
+    values of the small fields (a sign's resolution) at once, until newer ones need their room: no
+    more than `CACHE_BYTES` of them.
     """
 
-    def __init__(self) -> None:
-        #: Those that may go, the oldest first.
-        self._spare: dict[int, tuple[tuple[object, ...], _Made]] = {}
-        self._made: dict[tuple[object, ...], list[_Made]] = {}
+    def __init__(self, looked: dict[Key, list[Seen]] | None = None) -> None:
+        #: What columns of an effect and a joint have looked at so far.
+        self._looked = {} if looked is None else looked
+        #: Columns of the present states, and of former ones that may come back, the oldest first.
+        self._present: dict[Seen, _Moment] = {}
+        self._former: list[_Moment] = []
         self._motions: Sequence[Motion] = ()
         self._states: dict[Seen, tuple[object, ...]] = {}
         self._room = CACHE_BYTES
 
-    def get(self, key: tuple[object, ...], motions: Sequence[Motion]) -> FloatArray | None:
+    def get(self, key: Key, motions: Sequence[Motion]) -> FloatArray | None:
         """Columns that are as the motions are now; None if there are none."""
-        for made in self._made.get(key, ()):
-            if self._fresh(made, motions):
-                return made.columns
+        for seen in self._looked.get(key[:2], ()):
+            moment = self._present.get(seen)
+            if moment is not None and _same(moment.states, self._now(seen, motions)):
+                known = moment.get(key)
+                if known is not None:
+                    return known
         return None
 
     def put(
         self,
-        key: tuple[object, ...],
+        key: Key,
         columns: FloatArray,
         seen: Seen,
         motions: Sequence[Motion],
@@ -113,21 +141,29 @@ class Kept:
         """Keep columns that were made of these fields; for `spare` ones the oldest of them go."""
         if spare and columns.nbytes > self._room:
             self._make_room(columns.nbytes)
-        if not spare or columns.nbytes <= self._room:
-            self._hold(key, _Made(columns, seen, self._now(seen, motions), spare))
+        if spare and columns.nbytes > self._room:
+            return
+        states = self._now(seen, motions)
+        moment = self._present.get(seen)
+        if moment is None or not _same(moment.states, states):
+            self._former += [] if moment is None else [moment]
+            moment = self._present[seen] = _Moment(seen, states)
+        looked = self._looked.setdefault(key[:2], [])
+        if seen not in looked:
+            looked.append(seen)
+        (moment.spare if spare else moment.needed)[key] = columns
+        self._room -= columns.nbytes * spare
 
     def _make_room(self, size: int) -> None:
         """Let the oldest spare columns go, a part of the room at once."""
         wanted = max(size, CACHE_BYTES // ROOM_PART)
-        for name in list(self._spare):
-            if self._room >= wanted:
-                break
-            gone = self._spare.pop(name, None)
-            if gone is None:  # another thread was quicker
-                continue
-            key, made = gone
-            self._made[key] = [x for x in self._made[key] if x is not made]
-            self._room += made.columns.nbytes
+        for moment in (*self._former, *self._present.values()):
+            for key in list(moment.spare):
+                if self._room >= wanted:
+                    return
+                gone = moment.spare.pop(key, None)
+                if gone is not None:  # else another thread was quicker
+                    self._room += gone.nbytes
 
     def pruned(self, motions: Sequence[Motion]) -> Kept:
         """The same without what has changed.
@@ -135,52 +171,22 @@ class Kept:
         Spare columns whose small fields alone have changed may be as they are now once more: the
         latest of them stay, but for a part of the room that is left to new ones.
         """
-        out, former, fresh = Kept(), [], []
-        # columns of one moment share what they were made of: it is compared once
-        compared: dict[int, tuple[tuple[object, ...], bool, bool]] = {}
-        for key, every in self._made.items():
-            for made in every:
-                was = made.states
-                if id(was) not in compared:
-                    compared[id(was)] = was, out._fresh(made, motions), out._may(made)
-                _, is_fresh, may = compared[id(was)]
-                if is_fresh:
-                    made.states = out._now(made.seen, motions)
-                    fresh.append((key, made))
-                elif made.spare and may:
-                    former.append((key, made))
-        room = CACHE_BYTES - sum(made.columns.nbytes for _, made in fresh if made.spare)
-        some = []
-        for key, made in reversed(former):
-            if room - made.columns.nbytes > CACHE_BYTES // NEW_PART:
-                some.append((key, made))
-                room -= made.columns.nbytes
-        # former ones are the first to go
-        for key, made in (*reversed(some), *fresh):
-            out._hold(key, made)
+        out, former = Kept(self._looked), []
+        for moment in (*self._former, *self._present.values()):
+            states = out._now(moment.seen, motions)
+            if _same(moment.states, states):
+                out._present[moment.seen] = moment.copied(states)
+            elif moment.spare and _may(moment.states, states):
+                former.append(moment)
+        fresh = out._present.values()
+        out._room -= sum(x.nbytes for m in fresh for x in m.spare.values())
+        left = out._room - CACHE_BYTES // NEW_PART
+        for moment in reversed(former):
+            some, now = moment.latest(left)
+            out._room, left = out._room - (left - now), now
+            if some:
+                out._former.insert(0, _Moment(moment.seen, moment.states, {}, some))
         return out
-
-    def _hold(self, key: tuple[object, ...], made: _Made) -> None:
-        self._made.setdefault(key, []).append(made)
-        if made.spare:
-            self._room -= made.columns.nbytes
-            self._spare[id(made)] = key, made
-
-    def _fresh(self, made: _Made, motions: Sequence[Motion]) -> bool:
-        """Whether the runs are as they were in all that was looked at."""
-        now = self._now(made.seen, motions)
-        if now is not made.states:
-            for a, b in zip(made.states, now, strict=True):
-                if a is not b and not (isinstance(a, bytes | float) and a == b):
-                    return False
-            made.states = now
-        return True
-
-    def _may(self, made: _Made) -> bool:
-        """Whether only small fields are other ones now than when it was made."""
-        now = self._states[made.seen]
-        pairs = zip(made.states, now, strict=True)
-        return all(a is b or isinstance(a, bytes | float) for a, b in pairs)
 
     def _now(self, seen: Seen, motions: Sequence[Motion]) -> tuple[object, ...]:
         """What is looked at, as it is now; made once for a list of runs."""
@@ -189,6 +195,18 @@ class Kept:
         if seen not in self._states:
             self._states[seen] = tuple(_state(m, *f) for f in seen for m in motions)
         return self._states[seen]
+
+
+def _same(was: tuple[object, ...], now: tuple[object, ...]) -> bool:
+    """Whether the runs are as they were in all that was looked at."""
+    return was is now or all(
+        a is b or (isinstance(a, bytes | float) and a == b) for a, b in zip(was, now, strict=True)
+    )
+
+
+def _may(was: tuple[object, ...], now: tuple[object, ...]) -> bool:
+    """Whether only small fields are other ones now than when it was made."""
+    return all(a is b or isinstance(a, bytes | float) for a, b in zip(was, now, strict=True))
 
 
 def _state(motion: Motion, name: str, j: int | None) -> object:

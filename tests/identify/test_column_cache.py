@@ -84,8 +84,8 @@ def test_what_was_tried_last_is_kept_and_what_is_needed_never_goes(
     kept._room = 10 * one.nbytes
     kept.put(("needed",), one, (), motions)
     for k in range(30):
-        kept.put((k,), one.copy(), (), motions, spare=True)
-    there = [k for k in range(30) if kept.get((k,), motions) is not None]
+        kept.put(("tried", 0, k), one.copy(), (), motions, spare=True)
+    there = [k for k in range(30) if kept.get(("tried", 0, k), motions) is not None]
     assert there[-9:] == list(range(21, 30))
     assert len(there) <= 10
     assert kept.get(("needed",), motions) is one
