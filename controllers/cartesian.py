@@ -591,12 +591,12 @@ class _Tip:
         scratch = np.zeros((d + 1, 3, 3))
         bare = (chain.known, chain.room, zero, np.zeros(3), np.eye(3))
         tip_of(bare, zero, at, turn, jac, grav, scratch)
-        tip, axes = getattr(robot, "tip")(zero[None])[0], robot.tip_axes(zero[None])  # noqa: B009
-        if axes is None:
+        tip, axes = robot.tip(zero[None]), robot.tip_axes(zero[None])
+        if tip is None or axes is None:
             raise ConfigError("cartesian-coupling needs the frame 'tip' in the arm's URDF.")
         self.known = (
             chain.known, chain.room, zero,
-            np.ascontiguousarray(turn.T @ (tip - at)), np.ascontiguousarray(turn.T @ axes[0]),
+            np.ascontiguousarray(turn.T @ (tip[0] - at)), np.ascontiguousarray(turn.T @ axes[0]),
         )  # fmt: skip
         middle, mass = np.array(arm.center), np.zeros((d, d))
         tip_of(self.known, middle, at, turn, jac, grav, scratch)

@@ -1174,6 +1174,26 @@ def _four_tones(rng: np.random.Generator, t: np.ndarray, d: int) -> Path3:
     return sines(t, w, 0.35 / w**0.5, rng.uniform(0, 6.28, (d, 4)))
 
 
+#: Mass [kg], damping [N s/m] and stiffness [N/m] of a hand at the tip, and where it rests [m].
+HAND = (0.8, 6.0, 40.0, (0.2, 0.1, 0.5))
+
+
+def _in_hand(model: pin.Model, motion: Path3) -> np.ndarray:
+    """Efforts (n, d) that move what holds the tip, by Pinocchio."""
+    m, b, k, rest = HAND
+    data, tip, out = model.createData(), model.getFrameId("tip"), []
+    seen = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for q, v, a in zip(*motion, strict=True):
+        pin.forwardKinematics(model, data, q, v, a)
+        pin.updateFramePlacements(model, data)
+        speed = pin.getFrameVelocity(model, data, tip, seen).linear
+        accelerated = pin.getFrameClassicalAcceleration(model, data, tip, seen).linear
+        force = m * accelerated + b * speed + k * (data.oMf[tip].translation - np.array(rest))
+        jac = pin.computeFrameJacobian(model, data, q, tip, seen)
+        out.append(jac[:3].T @ force)
+    return np.array(out)
+
+
 def serial_arm(
     d: int,
     seed: int,
@@ -1181,10 +1201,12 @@ def serial_arm(
     wrong: int = 0,
     axes: tuple[str, ...] = AXES,
     seconds: float = 20.0,
+    hand: bool = False,
 ) -> Recording:
     """An arm whose effort is Pinocchio's, with friction and noise; a body on `link`, if asked.
 
     wrong: seed of errors of 5 % in the masses, centres and inertias that it is described with.
+    hand: a hand that carries its own weight holds the tip (`HAND`).
     """
     text, rng, t = serial_urdf(d, axes), np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
     q, v, a = _four_tones(rng, t, d)
@@ -1200,6 +1222,8 @@ def serial_arm(
     if link:
         model.appendBodyToJoint(link, pin.Inertia(BODY, BODY_AT, _ABOUT), pin.SE3.Identity())
     tau = _rnea(model, (q, v, a))
+    if hand:
+        tau += _in_hand(model, (q, v, a))
     held = SERIAL_FC[:d] / d**0.5
     tau += held * (0.1 * np.tanh(v / 0.01) + 0.1 * v + 0.03 * rng.standard_normal(tau.shape))
     q = q + 1e-6 * rng.standard_normal(q.shape)

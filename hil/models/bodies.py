@@ -283,6 +283,44 @@ def _felt(parent: IntArray, i: int, seen: FloatArray, own: FloatArray, out: Floa
         above = parent[above]
 
 
+@numba.njit(cache=True, nogil=True)
+def frame(
+    parent: IntArray,
+    turn: FloatArray,
+    place: FloatArray,
+    axis: FloatArray,
+    q: FloatArray,
+    body: int,
+    at: FloatArray,
+    held: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place (n, 3), axes (n, 3, 3) and Jacobian (n, 6, d), linear rows first, of a frame.
+
+    It is held by body number `body`, at `at` (3,) with axes `held` (3, 3) in that body's frame; the
+    base holds it where that is -1.  All in base axes; the rest as of `regressor`.
+    """
+    n, d = q.shape
+    places, axes, jacobian = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 6, d))
+    origin, own = np.zeros((d + 1, 3)), np.zeros((d + 1, 3, 3))
+    spin, r, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    # the base comes last, so that it is number -1
+    own[d] = np.eye(3)
+    for k in range(n):
+        for i in range(body + 1):
+            _pose(turn[i], place[i], axis[i], q[k, i], spin, r, p)
+            origin[i] = origin[parent[i]] + own[parent[i]] @ p
+            own[i] = own[parent[i]] @ r
+        places[k] = origin[body] + own[body] @ at
+        axes[k] = own[body] @ held
+        above = body
+        while above >= 0:
+            along, about = own[above] @ axis[above, :3], own[above] @ axis[above, 3:]
+            jacobian[k, :3, above] = along + np.cross(about, places[k] - origin[above])
+            jacobian[k, 3:, above] = about
+            above = parent[above]
+    return places, axes, jacobian
+
+
 def about(p: FloatArray) -> FloatArray:
     """Parameters of a body about its frame's origin (10, 10) of unit ones about a point p (3,).
 

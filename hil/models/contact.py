@@ -1,4 +1,4 @@
-"""What a tip or lever touches, laws of the force that it returns; and the stops that a joint meets.
+"""What a tip or lever touches or holds, laws of the force; and the stops that a joint meets.
 
 d = max(0, side (q - q0)) is the penetration; the force ON the robot pushes it back.  The
 other laws refer to the surface (q0, side) that `contact-stiffness` found.
@@ -6,17 +6,20 @@ other laws refer to the surface (q0, side) that `contact-stiffness` found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numba
 import numpy as np
 
 from hil.models.effect import (
+    BOUNDS,
+    VALUE_DEVIATIONS,
     Doc,
     Effect,
     Fitted,
     Grid,
     Limit,
+    Of,
     Over,
     Param,
     Relations,
@@ -391,6 +394,72 @@ class TwoStops(Effect):
         return np.stack([x for d in each for x in (d, d * np.abs(d), np.abs(d) * v)]).T
 
 
+def _tip_impedance_lacks(motion: Motion, j: int) -> str:
+    """Needs a tip, several joints, and a force that nobody measured."""
+    if motion.robot.tip(motion.q[:1]) is None:
+        return "the robot has no geometry, so no tip"
+    if motion.d < 2:
+        return "of one joint it is a spring and friction"
+    return "the force at the tip is measured" if np.any(motion.tau_ext) else ""
+
+
+def _tip_impedance_resists(f: Fitted) -> bool:
+    """What holds the tip pulls it back or brakes it; a constant force alone does neither."""
+    return any(b > e for b, e in zip(f.beta[:2], f.slack[:2], strict=True))
+
+
+def _tip_impedance_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """Where the spring rests, for people."""
+    if not values["k"] > VALUE_DEVIATIONS * errors["k"]:
+        return ""
+    # k p + f = 0
+    place = (-values[axis] / values["k"] for axis in ("fx", "fy", "fz"))
+    return "at rest with the tip at ({}) m".format(", ".join(f"{x + 0.0:.3g}" for x in place))
+
+
+class TipImpedance(Effect):
+    """A hand, a tissue, a hose or a tool balancer that holds the tip throughout.
+
+    Its mass is the last link's, with a force f that carries the weight.
+    """
+
+    name, family = "tip-impedance", "contact"
+    doc = Doc(
+        equation="tau = J' (k p + b p' + f),  p the place of the tip in base axes",
+        signature="the joints feel one force that follows the tip's place and speed",
+        confused_with=("base-tilt", "spring", "payload"),
+        shown_by="the same motion with the tip free",
+        source=(
+            "Hogan, J. Dyn. Syst. Meas. Control 107, 1985 (impedance); Khalil, Dombre 2002, 9.4 "
+            "(force at the tip)"
+        ),
+        remark=_tip_impedance_remark,
+    )
+    params = (
+        Param("k", "N/m", "stiffness, the same in all directions", 0.0),
+        Param("b", "N s/m", "damping, the same in all directions", 0.0),
+        *(Param(f"f{axis}", "N", f"force along {axis} with the tip at the base") for axis in "xyz"),
+    )
+    scope = Scope(Of.ROBOT, lacks=_tip_impedance_lacks)
+    limits = (
+        Limit("resists", _tip_impedance_resists, says="it neither pulls back nor brakes"),
+        BOUNDS,
+    )
+    traits = Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Efforts J' p, J' p', and J' of a unit force along each axis, shape (n, d, 5)."""
+        place = motion.robot.tip(motion.q)
+        if place is None:
+            return np.zeros((motion.n, motion.d, len(self.params)))
+        units = (np.tile(row, (motion.n, 1)) for row in np.eye(6)[:3])
+        back = np.stack([motion.robot.external(motion.q, x) for x in units], axis=2)
+        # p' = J qd
+        speed = np.einsum("ndk,nd->nk", back, motion.qd)
+        held = [np.einsum("ndk,nk->nd", back, x) for x in (place, speed)]
+        return np.concatenate([np.stack(held, axis=2), back], axis=2)
+
+
 EFFECTS: tuple[Effect, ...] = (
     EndStop(),
     TwoStops(),
@@ -399,4 +468,5 @@ EFFECTS: tuple[Effect, ...] = (
     ContactHardening(),
     ContactHysteresis(),
     ContactInclusion(),
+    TipImpedance(),
 )

@@ -49,6 +49,9 @@ class Robot(Protocol):
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """Joint effort J^T w of a wrench (n, 6) ON the tip, base frame; shape (n, d)."""
 
+    def tip(self, q: FloatArray) -> FloatArray | None:
+        """Place of the tip in base axes (n, 3) [m]; None without a tip."""
+
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """Effort of one kilogram at the tip, shape (n, d); None without a tip."""
 
@@ -128,6 +131,10 @@ class IndependentAxes:
             "robot 'single-axis' has no geometry, so a tip force cannot be turned into joint "
             "effort; record tauext1.. instead of fx,fy,fz, or name a URDF"
         )
+
+    def tip(self, q: FloatArray) -> FloatArray | None:
+        """No tip."""
+        return None
 
     def tip_mass(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
         """No tip."""

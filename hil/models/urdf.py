@@ -155,13 +155,17 @@ class UrdfRobot:
         rest, mass = bodies.balance(*(*self._tree, *states, pi))
         return (rest, mass) if self._same else (rest @ self._all, back @ mass @ self._all)
 
+    def _at_tip(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Place (n, 3), axes (n, 3, 3) and Jacobian (n, 6, d) of the tip, in base axes."""
+        at = self._model.frames[self._tip].placement
+        known = (*self._tree[:4], q @ self._all.T + self._shift, self._held)
+        held = np.array(at.translation), np.array(at.rotation)
+        place, axes, jac = bodies.frame(*known, *held)  # type: ignore[call-arg]
+        return place, axes, jac if self._same else jac @ self._all
+
     def tip(self, q: FloatArray) -> FloatArray:
         """Tip position in base axes (n, 3) [m]."""
-        out = np.empty((len(q), 3))
-        for k, row in enumerate(self._config(q)):
-            self._pin.framesForwardKinematics(self._model, self._data, row)
-            out[k] = self._data.oMf[self._tip].translation
-        return out
+        return self._at_tip(q)[0]
 
     def places(self, q: FloatArray) -> FloatArray:
         """Base, joints and tip for angles (d,), shape (joints + 2, 3) [m]."""
@@ -171,21 +175,11 @@ class UrdfRobot:
 
     def tip_axes(self, q: FloatArray) -> FloatArray | None:
         """Axes of the tip's frame as columns in base axes (n, 3, 3)."""
-        out = np.empty((len(q), 3, 3))
-        for k, row in enumerate(self._config(q)):
-            self._pin.framesForwardKinematics(self._model, self._data, row)
-            out[k] = self._data.oMf[self._tip].rotation
-        return out
+        return self._at_tip(q)[1]
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Tip Jacobian in base axes (n, 6, d): linear rows first."""
-        pin, frame = self._pin, self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        out = np.empty((len(q), 6, q.shape[1]))
-        for k, row in enumerate(self._config(q)):
-            whole = pin.computeFrameJacobian(self._model, self._data, row, self._tip, frame)
-            # Pinocchio gives (6,) for a robot of one joint
-            out[k] = np.reshape(whole, (6, -1)) @ self._all
-        return out
+        return self._at_tip(q)[2]
 
     def external(self, q: FloatArray, wrench: FloatArray) -> FloatArray:
         """tau_ext = J^T w, shape (n, d)."""

@@ -1,4 +1,4 @@
-"""What a described arm alone can tell: a soft belt before a link, a base on a slope."""
+"""What a described arm alone can tell: a soft belt, a base on a slope, a hand at the tip."""
 
 from __future__ import annotations
 
@@ -77,3 +77,24 @@ def test_the_angle_of_a_base_is_said_in_degrees():
 
     said = catalogue.get("base-tilt").doc.remark({"rx": math.radians(3), "ry": math.radians(4)}, {})
     assert said == "tilted by 5 degrees"
+
+
+@pytest.mark.parametrize("d", [3, 6])
+def test_a_hand_at_the_tip_is_named_with_its_stiffness_and_damping(d):
+    runs = [plants.serial_arm(d, seed, hand=True) for seed in (1, 2)]
+    found = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+    assert [(f.effect, f.joint) for f in found.findings] == [("tip-impedance", None)]
+    _, b, k, rest = plants.HAND
+    got = {n: found.findings[0].parameters[f"tip-impedance.{n}"] for n in ("k", "b", "fx", "fy")}
+    for name, true in {"k": k, "b": b, "fx": -k * rest[0], "fy": -k * rest[1]}.items():
+        assert abs(got[name].value - true) < 3 * got[name].stderr + 0.02 * abs(true)
+    assert all(found.explained.heldout.rms < 1.2 * found.noise)
+
+
+def test_where_a_hand_rests_is_said_if_it_has_a_stiffness():
+    from hil.models import catalogue
+
+    remark = catalogue.get("tip-impedance").doc.remark
+    values = {"k": 50.0, "b": 2.0, "fx": -10.0, "fy": 0.0, "fz": 5.0}
+    assert remark(values, {"k": 1.0}) == "at rest with the tip at (0.2, 0, -0.1) m"
+    assert remark(values, {"k": 40.0}) == ""

@@ -39,7 +39,7 @@ SHAPES = {
     "coulomb": (0.02,),
 }
 REFUSED = {
-    "rigid-body", "armature", "payload", "payload-change", "base-tilt",
+    "rigid-body", "armature", "payload", "payload-change", "base-tilt", "tip-impedance",
     "coupled-transmission", "differential", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",

@@ -40,6 +40,7 @@ IMPOSSIBLE = {
     "quadratic-drag": ((), (-0.1,)),
     "sublinear-viscous": ((0.2,), (0.1,)),
     "base-tilt": ((), (1.0, 0.0)),
+    "tip-impedance": ((), (-1.0, 2.0, 0.0, 0.0, 0.0)),
     "force-gain": ((0.0,), (0.0, 0.7)),
     "force-crosstalk": ((0.0,), (1.5, 0.0)),
     "contact-stiffness": ((0.0, 1.0), (-3.0,)),
