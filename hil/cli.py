@@ -30,6 +30,13 @@ class Parser(argparse.ArgumentParser):
         #: Parsers of the commands by name.
         self.commands: dict[str, Parser] = {}
 
+    @property
+    def alone(self) -> str:
+        """Files and names that it takes, where it takes one of each; empty where several."""
+        named = [a for a in self._actions if not a.option_strings]
+        several = any(a.nargs in ("+", "*", argparse.PARSER) for a in named)
+        return "" if several else " ".join(str(a.metavar or a.dest) for a in named) or "no names"
+
     def error(self, message: str) -> NoReturn:
         """Say it and leave with exit code 2."""
         self.leave(f"{message}.")
@@ -89,7 +96,9 @@ def _number(word: str) -> bool:
 def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
     """Refuse what a command left over."""
     if extra:
+        alone = parser.alone
         where = "files and names stand together, before the options"
+        where = f"the command takes {alone} and options" if alone else where
         parser.error(f"unexpected {extra[0]!r}; {where}")
 
 

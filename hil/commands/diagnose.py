@@ -29,7 +29,7 @@ from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
 from hil.models.model import Value, remark
 from hil.record.checks import OF_UNITS
-from hil.record.sources import find
+from hil.record.sources import find, passed_over
 from hil.report.data import diagnosis_json, from_diagnosis, ladder_json
 from hil.report.text import (
     ACCEPT,
@@ -443,6 +443,8 @@ def run(args: argparse.Namespace) -> int:
 def _many(args: argparse.Namespace) -> bool:
     """Whether there may be several groups: what one path means is not looked at twice."""
     asked = bool(args.by or args.cluster or args.keep)
+    for text in () if args.by else passed_over(args.sessions):
+        terminal.log(text)
     return asked or len(find([*args.sessions, *args.holdout])) > 1
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -107,7 +108,8 @@ def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
     """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
     errors = [f for f in faults if f.severity == "error"]
     if not errors:
-        return ["next:", f"  hil info {output}", f"  hil diagnose {output} --model {model}"]
+        words = (["info", str(output)], ["diagnose", str(output), "--model", str(model)])
+        return ["next:", *(f"  {shlex.join(['hil', *some])}" for some in words)]
     return [
         *map(_fault, errors),
         f"{output} is written but cannot be fitted: {plural(len(errors), 'error')}, see above; "
@@ -143,10 +145,11 @@ def every(folder: Path, found: Mapping[Path, Imported], model: Path, written: bo
     if terminal.settings.quiet:
         return useless and f"{folder}: {useless}"
     state = "base model written" if written else "model kept as it was"
+    first = bad[0] if bad else next(iter(found)).name
     said = (
         f"{folder}: {plural(len(found), 'session')}, "
         f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model}: {state}\n"
-        f"next:\n  hil info {folder / (bad[0] if bad else next(iter(found)).name)}\n"
+        f"next:\n  {shlex.join(['hil', 'info', str(folder / first)])}\n"
     )
     return said + useless
 
@@ -379,7 +382,7 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     place = Path(args.propose_map)
     table = open_table(path, run=args.which)
     joints = [j.name for j in free_joints(read_text(Path(args.robot)))] if args.robot else []
-    found = propose(table.names, joints)
+    found = propose(table.names, joints, table.first)
     if found is None:
         raise DataError(
             f"table {path}: no column's name says a quantity or a unit. It has: "
@@ -406,11 +409,9 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     if terminal.settings.quiet:
         sys.stdout.write(lacks.lstrip("\n") + ("\n" if lacks else ""))
         return 0
-    robot = f" --robot {args.robot}" if args.robot else ""
-    sys.stdout.write(
-        f"{found.text}\n{place}: written, check it{lacks}\nnext:\n"
-        f"  hil import {path} --map {place}{robot} --dry-run\n"
-    )
+    robot = ["--robot", args.robot] if args.robot else []
+    words = shlex.join(["hil", "import", str(path), "--map", str(place), *robot, "--dry-run"])
+    sys.stdout.write(f"{found.text}\n{place}: written, check it{lacks}\nnext:\n  {words}\n")
     return 0
 
 

@@ -188,7 +188,8 @@ def _array_columns(
 def _numbers(what: str, value: Any) -> FloatArray:
     """An array of real numbers; `DataError` names what is none."""
     try:
-        array = np.asarray(value)
+        masked = isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf"
+        array = np.ma.filled(value.astype(float), np.nan) if masked else np.asarray(value)
         if array.dtype.kind in "Mm":  # dates as seconds since 1970, and spans in seconds
             seconds = array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64) / 1e9
             return np.where(np.isnat(array), np.nan, seconds)
@@ -243,6 +244,8 @@ def _index(frame: Any, names: Sequence[str]) -> dict[str, FloatArray]:
 
 def _frame_columns(frame: Any) -> dict[str, FloatArray]:
     """Columns of a pandas or polars frame, or of a mapping, that hold numbers."""
+    if type(frame).__name__ == "LazyFrame":  # of polars: nothing is read yet
+        frame = frame.collect()
     names = _column_names(frame)
     if not names:
         raise ConfigError(

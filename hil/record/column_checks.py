@@ -16,11 +16,21 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, plural
 from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
+from hil.record.guess import quantity
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
-from hil.record.mapfile import FACTORS, Rule, TableMap, epoch_unit, stem_of, time_unit
+from hil.record.mapfile import (
+    FACTORS,
+    Rule,
+    TableMap,
+    Unit,
+    epoch_unit,
+    is_target,
+    stem_of,
+    time_unit,
+)
 from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
 from hil.record.schema import LAST_S
-from hil.record.table_files import ForeignTable
+from hil.record.table_files import ForeignTable, is_clock
 from hil.record.urdf_joints import UrdfJoint
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +42,8 @@ LONG_PERIOD = 0.05
 ROUNDED = 0.02
 #: A median period [s] from which the time hardly is in seconds.
 NO_SECONDS = 0.5
+#: A rig hardly samples faster [Hz]: beyond it a time has another unit.
+FASTEST_RIG = 2e4
 #: No shorter median period [s] is one of a rig: filters and grids would take any memory.
 SHORT_PERIOD = 1e-6
 #: A day [s].
@@ -80,10 +92,20 @@ def on_one_time(
     return out, [text] if moved else []
 
 
+#: Seconds between the beginnings of 1904, from which some instruments count, and of 1970; and what
+#: a time is since 1904 if it says a year after 2065.
+SINCE_1904, NO_DATE = 2082844800.0, 3.0e9
+
+
 def in_seconds(
-    rules: Mapping[str, Rule], columns: Mapping[str, FloatArray]
+    rules: Mapping[str, Rule],
+    columns: Mapping[str, FloatArray],
+    cells: Mapping[str, str],
 ) -> tuple[Mapping[str, Rule], list[str]]:
-    """Rules with the unit of the time that its name or its size says, where none was given."""
+    """Rules with the unit of the time that its name or its size says, where none was given.
+
+    `cells` are those of the first row, as they are written.
+    """
     rule = rules.get("t", Rule({}))
     if list(rule.terms.values()) != [1.0] or rule.shift:
         return rules, []
@@ -95,8 +117,14 @@ def in_seconds(
     if epoch and not FASTEST <= step * FACTORS["t"][epoch] <= LONG_PERIOD:
         return rules, []  # it only looks like a date
     unit = epoch or time_unit(name) or "s"
+    if is_clock(cells.get(name, "")):
+        return rules, [f"the time {name!r} is the time of day"]
     if unit == "s" and not epoch:
         return rules, []
+    if epoch == "s" and first >= NO_DATE:
+        begin = datetime.fromtimestamp(first - SINCE_1904, UTC)
+        text = f"the time {name!r} is in s since 1904; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
+        return {**rules, "t": Rule({name: 1.0}, -SINCE_1904)}, [text]
     factor = FACTORS["t"][unit]
     text = f"the time {name!r} is in {unit}"
     if epoch:
@@ -104,6 +132,30 @@ def in_seconds(
         dates = ", or dates (UTC where they say no zone)" if unit == "s" else ""
         text += f" since 1970{dates}; it begins at {begin:%Y-%m-%d %H:%M:%S} UTC"
     return {**rules, "t": Rule({name: factor})}, [text]
+
+
+def in_named_units(rules: Mapping[str, Rule]) -> tuple[dict[str, Rule], list[str]]:
+    """Rules with the units that the names of their columns say, where none was given.
+
+    Raises
+    ------
+    ConfigError
+        If a name says a unit that needs a torque constant or a scale.
+    """
+    out, said = dict(rules), []
+    for target, rule in rules.items():
+        if target == "t" or rule.stated or list(rule.terms.values()) != [1.0] or rule.shift:
+            continue
+        if not is_target(target):
+            continue
+        name = next(iter(rule.terms))
+        unit = quantity(name)[1]
+        if not unit or FACTORS[stem_of(target)].get(unit) == 1.0:
+            continue
+        factor, shift = Unit(unit).to_si(target)
+        out[target] = replace(rule, terms={name: factor}, shift=shift, stated=True)
+        said.append(f"{target} is read in {unit}, as the name of its column {name!r} says")
+    return out, said
 
 
 def whole_rows(
@@ -228,17 +280,9 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
             't = { from = "t", scale = ... }'
         )
     if period > LONG_PERIOD * (1 + ROUNDED):
-        scale = 'scale it to seconds in a map, [columns] t = { from = "t", scale = 0.001 }'
-        slow = f"{1 / LONG_PERIOD:g} Hz is the slowest that is analysed"
         raise DataError(
             f"table {table.path}: the time advances by {period:.4g} s a sample "
-            f"({1 / period:.3g} Hz); "
-            + (
-                f"{slow}. Record faster; if the time is in another unit, {scale}"
-                if period < NO_SECONDS
-                else f"it looks like milliseconds (or samples, microseconds): {scale}. If it "
-                f"truly is in seconds, the recording is too slow for dynamics: {slow}"
-            )
+            f"({1 / period:.3g} Hz); {_what_time(t, period)}"
         )
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":
@@ -249,6 +293,38 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
             f"period of {period:.4g} s); import each part by itself, or say "
             'gaps = "keep" in [table] of a map'
         )
+
+
+_SPOKEN = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+
+
+def _what_time(t: FloatArray, period: float) -> str:
+    """What a time may be that is too slow in seconds, and what to do."""
+    slow = f"{1 / LONG_PERIOD:g} Hz is the slowest that is analysed"
+    map_ = 'in a map, [columns] t = { from = "t", unit = "'
+    fits = {
+        unit: 1 / (period * FACTORS["t"][unit])
+        for unit in ("ms", "us", "ns")
+        if 1 / FASTEST_RIG <= period * FACTORS["t"][unit] <= LONG_PERIOD
+    }
+    units = ", or ".join(f"{_SPOKEN[unit]} ({rate:.4g} Hz)" for unit, rate in fits.items())
+    if epoch_unit(float(t[0])) == "s" and np.all(t == np.floor(t)):
+        return (
+            "these are dates to whole seconds, and the samples lie between. Record the time with "
+            "its fractions, or leave it out and say rate_hz = ... in [table] of a map"
+        )
+    if np.all(np.diff(t) == 1.0):
+        return (
+            "it counts samples, or is in ms. Of samples say rate_hz = ... in [table] of a map; "
+            f'of ms say so {map_}ms" }}'
+        )
+    if period >= NO_SECONDS and fits:
+        unit = next(iter(fits))
+        return (
+            f'it looks like {units}: say so {map_}{unit}" }}. If it truly is in seconds, the '
+            f"recording is too slow for dynamics: {slow}"
+        )
+    return f'{slow}. Record faster; if the time is in another unit, say so {map_}ms" }}'
 
 
 def from_zero(table: ForeignTable, recordings: Sequence[Recording]) -> list[Recording]:

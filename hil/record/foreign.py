@@ -15,6 +15,7 @@ import itertools
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -230,7 +231,17 @@ def _npz(path: str, most: int) -> Iterator[tuple[str, Array]]:
 
 
 def _npy(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    yield Path(path).stem, np.load(path, mmap_mode="r", allow_pickle=False)
+    try:
+        yield Path(path).stem, np.load(path, mmap_mode="r", allow_pickle=False)
+    except ValueError as error:
+        with open(path, "rb") as file:
+            other = file.read(6) != np.lib.format.MAGIC_PREFIX
+        if other or not re.search("pickle|Python objects", str(error)):
+            raise
+        raise DataError(
+            "holds Python objects, which are never read: save an array of numbers, "
+            "e.g. np.save(file, array.astype(float))"
+        ) from None
 
 
 def _mat(path: str, most: int) -> Iterator[tuple[str, Array]]:

@@ -22,7 +22,7 @@ _WORDS = {
     "lage istposition istwinkel",
     "qd": "qd dq qdot qvel vel velo veloc velocity velocities speed speeds omega thetadot dtheta "
     "geschwindigkeit drehzahl istdrehzahl",
-    "tau": "tau torque torques trq effort efforts moment moments u drehmoment istmoment",
+    "tau": "tau torque torques trq effort efforts eff moment moments u drehmoment istmoment",
     "i": "i current currents cur curr amp amps ampere amperes strom motorstrom iststrom",
     "temp": "temp temps temperature temperatures temperatur",
 }
@@ -50,10 +50,10 @@ _NONE, _OUTSIDE, _ASKED, _NOTHING = (
 #: Units as a map writes them, by what is measured in them; a force may be an effort.
 _BY_KIND = {
     "t": "s ms us ns",
-    "q": "rad mrad deg rev m cm mm um",
-    "qd": "rad/s mrad/s deg/s rev/s m/s cm/s mm/s um/s rpm",
-    "tau": "Nm mNm Nmm Ncm kNm",
-    "force": "N mN kN",
+    "q": "rad mrad deg rev m cm mm um in ft",
+    "qd": "rad/s mrad/s deg/s rev/s m/s cm/s mm/s um/s in/s ft/s rpm",
+    "tau": "Nm mNm Nmm Ncm kNm lbfin lbfft ozfin kgfcm kgfm gfcm",
+    "force": "N mN kN lbf ozf kgf",
     "i": "A mA",
     "temp": "degC K",
     "": "V mV kV W kW Hz kHz bar mbar Pa kPa MPa g kg % m/s2 rad/s2 deg/s2 permille counts "
@@ -76,11 +76,21 @@ _SPELT = {
     **dict.fromkeys("promille per/mille permil ‰".split(), "permille"),
     **dict.fromkeys("revs revolution revolutions turn turns".split(), "rev"),
     **dict.fromkeys("revolutions/s turns/s turn/s".split(), "rev/s"),
+    **{"ozin": "ozfin", "lbin": "lbfin", "inlb": "lbfin", "inlbf": "lbfin", "lbft": "lbfft"},
+    **{"ftlb": "lbfft", "ftlbf": "lbfft", "kgcm": "kgfcm", "kgm": "kgfm", "gcm": "gfcm"},
+    **{"lb": "lbf", "lbs": "lbf", "inch": "in", "inches": "in", "feet": "ft", "foot": "ft"},
     **{"percent": "%", "prozent": "%", "pct": "%"},
     **{"milliamp": "mA", "milliamps": "mA", "rad/s^2": "rad/s2", "m/s^2": "m/s2"},
 }
 #: Words that are a unit wherever they stand in a name; others only in brackets and at its end.
-_ANYWHERE = frozenset(_SPELT) - {"ms", "us", "ns", "cm", "kg", "bar", "sec", "turn", "revolution"}
+_ANYWHERE = frozenset(_SPELT) - set(
+    "ms us ns cm kg bar sec turn revolution in ft lb lbs inch foot feet inches".split()
+)
+#: What units are made of, in small letters: a bracket of nothing else is a unit, known or not.
+_ATOMS = frozenset(
+    "oz ozf lb lbs lbf kip kgf kg g gf in inch ft foot yd mil cm mm um m km s ms us ns min h hr "
+    "rad mrad deg grad rev n mn kn nm a ma v w kw hz sec arcsec arcmin dyn dyne j".split()
+)
 #: A capital after a small letter, and digits beside letters, begin a word.
 _CUT = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _BRACKETS = re.compile(r"[\[(]([^\[\]()0-9][^\[\]()]*)[\])]")
@@ -120,6 +130,8 @@ class _Column:
     family: str = ""
     #: Why it is no column of a recording; empty where the name says nothing at all.
     why: str = ""
+    #: Its rule in a map, where that is not its name alone.
+    rule: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,7 +156,9 @@ class Proposal:
     fill: tuple[str, ...] = ()
 
 
-def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None:
+def propose(
+    names: Sequence[str], joints: Sequence[str] = (), first: Mapping[str, str] | None = None
+) -> Proposal | None:
     """Map from the names of columns; a part of one where some are not understood.
 
     Parameters
@@ -153,13 +167,20 @@ def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None
         Columns of the table.
     joints : sequence of str
         Joints of the robot, where they are known: a column that names one is of that joint.
+    first : mapping of str to str, optional
+        Cells of the first row: a log of ROS says there whose the columns with each number are.
 
     Returns
     -------
     Proposal or None
         None where no name says anything.
     """
-    said = [_understood(n, joints, _series(names)) for n in dict.fromkeys(names)]
+    called = _called(names, first or {})
+    said = [
+        replace(_understood(called.get(n, n), joints, _series(names)), name=n)
+        for n in dict.fromkeys(names)
+    ]
+    said = _of_two_parts(said)
     if any(_IN_TURNS.search(n) for n in names):
         turns = {"q": "rev", "qd": "rev/s"}
         said = [replace(c, unit=c.unit or turns.get(c.stem, "")) for c in said]
@@ -184,6 +205,46 @@ def propose(names: Sequence[str], joints: Sequence[str] = ()) -> Proposal | None
     named = order if order and all(j in joints for j in order) else []
     text = _written(proposed, named, order, fill, left, taken)
     return Proposal(text, missing, {k: c.name for k, c in proposed.items()}, fill)
+
+
+def _called(names: Sequence[str], first: Mapping[str, str]) -> dict[str, str]:
+    """Names of columns with a joint's name in place of its number, where the first row says it.
+
+    Beside ``field.name0``, which holds ``elbow``, ``field.position0`` is ``field.position elbow``.
+    """
+    numbered = re.compile(r"(.*?)([A-Za-z]+)\[?([0-9]+)\]?")
+    parts = {n: found for n in names if (found := numbered.fullmatch(n))}
+    joints = {
+        (found[1], found[3]): text
+        for n, found in parts.items()
+        if found[2] == "name" and re.search(r"[^\W\d_]", text := first.get(n, ""))
+    }
+    return {
+        n: f"{found[1]}{found[2]} {joints[found[1], found[3]]}"
+        for n, found in parts.items()
+        if found[2] != "name" and (found[1], found[3]) in joints
+    }
+
+
+#: How the two parts of a time of ROS are called.
+_PARTS = {"sec": "nanosec", "secs": "nsecs"}
+
+
+def _of_two_parts(columns: Sequence[_Column]) -> list[_Column]:
+    """Columns with a time in seconds and nanoseconds as one; a header's stamp before others."""
+    names = {c.name for c in columns}
+    found = {}
+    for whole, rest in _PARTS.items():
+        for n in names:
+            head = n.removesuffix(whole)
+            if n.endswith(whole) and not n.endswith(rest) and head + rest in names:
+                found[n] = head + rest
+    if not found:
+        return list(columns)
+    first = min(found, key=lambda n: ("stamp" not in n, len(n), n))
+    text = f"{{ sum = {{ {_quoted(first)} = 1, {_quoted(found[first])} = 1e-9 }} }}"
+    others = [c for c in columns if c.name not in (first, found[first]) and c.stem != "t"]
+    return [_Column(first, "t", rule=text), *others]
 
 
 def quantity(name: str) -> tuple[str, str]:
@@ -344,6 +405,7 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     unit = "counts/s" if (stem, unit) == ("qd", "counts") else unit
     if unit and not scaled and not scale_asked("tau" if stem == "i" else stem, unit):
         stem = ""
+    odd = "" if unit else _odd_unit(rest)
     if not stem:
         why = f"in {unit}: {_OF_NONE}" if _KIND.get(unit) == "" else ""
         if unit == "%":
@@ -364,7 +426,7 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     unit = _SPEED.get(unit, unit) if stem == "qd" else unit
     fits = stem == "force" or _KIND.get(unit) in (stem, "force" if "tau" in stem else stem)
     fits = fits or (stem == "tauext" and _KIND.get(unit) == "tau") or bool(unit and not scaled)
-    return _Column(name, stem, joint, unit if fits else "", asked, family)
+    return _Column(name, stem, joint, odd or (unit if fits else ""), asked, family)
 
 
 def _meant(words: Sequence[str], unit: str) -> tuple[int, str]:
@@ -396,10 +458,19 @@ def _unit_at(name: str) -> tuple[str, str]:
     return name, ""
 
 
+def _odd_unit(name: str) -> str:
+    """Unit in the brackets of a name that no map knows; empty where there is none."""
+    for found in _BRACKETS.finditer(name):
+        parts = re.findall(r"[^\W\d_]+", found[1].lower())
+        if parts and set(parts) <= _ATOMS and not _spelt(found[1]):
+            return found[1].strip()
+    return ""
+
+
 def _spelt(text: str) -> str:
     """Unit that a text is, as a map writes it; empty where it is none."""
     near = re.sub(r"[ ·*]", "", text.strip()).replace("_", "/")
-    plain = re.sub(r"[ ·*._]", "", text.strip())
+    plain = re.sub(r"[ ·*._-]", "", text.strip())
     if plain.startswith("%"):  # of a rated torque, say
         return "%"
     for form in (near, plain):
@@ -499,8 +570,11 @@ def _written(
         alone = c.unit and not units.get(stem) and c.unit in FACTORS.get(stem, {})
         alone = alone and time_unit(c.name) is None  # a name of time says its unit by itself
         asked = scale_asked(stem, c.unit)
+        if c.stem != "t" and c.unit and c.unit not in _KIND:
+            asked = "SI unit by this one, in place of unit, which is not known"
         note = f"  # add scale = {asked}" if asked else ""
-        lines.append(f"{target} = {_rule(c) if alone or asked else _quoted(c.name)}{note}")
+        plain = c.rule or _quoted(c.name)
+        lines.append(f"{target} = {_rule(c) if alone or asked else plain}{note}")
     if fill:
         lines += [
             "# Fill in the names of these columns, or say what else they are (docs/import.md):"

@@ -32,10 +32,14 @@ FloatArray = NDArray[np.float64]
 #: Start of the metadata that hold a map's [signal].
 SIGNAL = "signal_"
 DEGREE, TURN = math.pi / 180, 2 * math.pi
-_LENGTH = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6}
+_LENGTH = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": DEGREE, "rev": TURN, "turn": TURN}
-_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+#: A pound and an ounce of force, a kilogram's and a gram's weight [N].
+_POUND, _WEIGHT = 4.4482216152605, 9.80665
+_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": _POUND, "ozf": _POUND / 16, "kgf": _WEIGHT}
 _TORQUE = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 0.01, "kNm": 1e3}
+_TORQUE |= {"lbfin": _POUND * 0.0254, "lbfft": _POUND * 0.3048, "ozfin": _POUND / 16 * 0.0254}
+_TORQUE |= {"kgfcm": _WEIGHT * 0.01, "kgfm": _WEIGHT, "gfcm": _WEIGHT * 1e-5}
 _CURRENT = {"A": 1.0, "mA": 1e-3}
 #: Stem of a column -> unit without spaces -> factor to SI.
 FACTORS: dict[str, dict[str, float]] = {
@@ -135,12 +139,15 @@ class Unit:
 
 #: Names of a column of time, with the unit that one may end in.
 _TIME = re.compile(
-    r"(?:t|time|times|utc|x_value|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
+    r"_{0,2}(?:t|time|times|utc|x_value|timestamp|time_?stamp|stamp|elapsed|zeitstempel|"
     r"(?:field\.)?header\.stamp|[\w.()]+\.time)"
-    r"[ _.]*[\[(]?(?P<unit>s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec)?[\])]?",
+    r"[ _.]*[\[(]?(?P<unit>s|sec|secs|seconds|min|minutes|ms|msec|us|usec|µs|ns|nsec)?[\])]?",
     re.IGNORECASE,
 )
-_WORDS = {"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns"}
+_WORDS = {
+    **{"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns"},
+    "minutes": "min",
+}
 #: From 2001 to 2128, in seconds since 1970.
 _EPOCH = (1e9, 5e9)
 
@@ -297,6 +304,22 @@ def _in_units(target: str, rule: Rule, units: Mapping[str, Unit]) -> Rule:
     factor, zero = units[stem].to_si(target)
     terms = {name: factor * weight for name, weight in rule.terms.items()}
     return replace(rule, terms=terms, shift=rule.shift + zero, stated=True)
+
+
+def refuse_constants(units: Mapping[str, Unit], joints: int) -> None:
+    """Refuse more torque constants than joints.
+
+    Raises
+    ------
+    ConfigError
+        If there are more.
+    """
+    for unit in units.values():
+        given = unit.torque_constant
+        if not isinstance(given, int | float) and len(given) > joints:
+            raise ConfigError(
+                f"{len(given)} torque constants for {joints} joints; give one, or one a joint"
+            )
 
 
 def _with_constants(units: Mapping[str, Unit], torque_constant: Sequence[float]) -> dict[str, Unit]:

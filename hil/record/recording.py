@@ -144,8 +144,9 @@ class Recording(Shown):
 
     @cached_property
     def period(self) -> float:
-        """Median time from one sample to the next [s]."""
-        return float(np.median(np.diff(self.t)))
+        """Median time from one sample to the next [s]; the mean one where most stamps repeat."""
+        median = float(np.median(np.diff(self.t)))
+        return median if median > 0 else float(self.t[-1] - self.t[0]) / max(self.n - 1, 1)
 
     @cached_property
     def rate(self) -> float:

@@ -50,6 +50,20 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
     return out
 
 
+def passed_over(paths: Iterable[str | Path]) -> list[str]:
+    """Sentences on sessions that `find` leaves out: those in folders below one that has some."""
+    out = []
+    for path in map(Path, paths):
+        if path.is_dir() and not is_bag(path) and _inside(path):
+            below_it = [p for place in _folders(path) for p in _inside(place)]
+            if below_it:
+                out.append(
+                    f"{path}: {plural(len(below_it), 'session')} in the folders below it left out, "
+                    "for it has some itself; name these folders, or say --by robot"
+                )
+    return out
+
+
 def _inside(folder: Path) -> list[Path]:
     """Sessions and bags that stand in a folder itself."""
     return [p for p in sorted(folder.iterdir()) if is_bag(p) or _is_file(p)]

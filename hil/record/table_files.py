@@ -70,6 +70,8 @@ class ForeignTable:
     run: str = ""
     in_memory: bool = False
     times: Mapping[str, str] = field(default_factory=dict)
+    #: Cells of the first row of a text table, by column.
+    first: Mapping[str, str] = field(default_factory=dict)
 
     def option(self, name: str, value: str) -> str:
         """What a person types, e.g. ``--unit rad``, or ``unit="rad"``."""
@@ -127,7 +129,8 @@ def text_table(path: Path, header_row: int = 0) -> ForeignTable:
     cells = [c.strip() for _, line in first for c in line.split(delimiter)]
     comma = delimiter in (";", "\t") and not any(_is_number(c) and "." in c for c in cells)
     reader = _TextColumns(path, names, delimiter, body, comma)
-    return ForeignTable(path, names, reader, first[0][0], path.stem)
+    row = dict(zip(names, cells, strict=False))
+    return ForeignTable(path, names, reader, first[0][0], path.stem, first=row)
 
 
 #: How a measurement file of LabVIEW begins, and what ends each of its headers.
@@ -305,14 +308,24 @@ def _is_text(path: Path) -> bool:
     """Whether a file begins as text does: without zeros, but for the wide letters of UTF-16."""
     with open_regular(path, LARGEST_TEXT) as file:
         start = file.read(4096)
-    return b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff")
+    return b"\0" not in start or _wide(start) != ""
 
 
 def _encoding(file: BinaryIO) -> str:
     """UTF-16 where a file begins like that, as some spreadsheets write it; else UTF-8."""
-    start = file.read(2)
+    start = file.read(64)
     file.seek(0)
-    return "utf-16" if start in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return _wide(start) or "utf-8-sig"
+
+
+def _wide(start: bytes) -> str:
+    """UTF-16 where a text begins with its mark, or each second byte is zero; empty if not."""
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    even, odd = set(start[:64:2]), set(start[1:64:2])
+    if len(start) > 1 and 0 not in even and odd == {0}:
+        return "utf-16-le"
+    return "utf-16-be" if len(start) > 1 and 0 not in odd and even == {0} else ""
 
 
 def _header_line(path: Path) -> tuple[int, str]:
@@ -348,12 +361,21 @@ class _TextColumns:
         use = [self.names.index(n) for n in wanted]
         if not use:
             return {}
-        rows = (line for _, line in self._lines())
         try:
+            rows = self._even()
             block = np.loadtxt(rows, delimiter=self.delimiter, usecols=use, ndmin=2, comments=None)
         except ValueError:
             block = self._slowly(wanted, use)
         return {name: block[:, k] for k, name in enumerate(wanted)}
+
+    def _even(self) -> Iterator[str]:
+        """Rows of as many cells as there are names; any other one is read slowly, and told."""
+        between = len(self.names) - 1
+        for _, line in self._lines():
+            more = line.count(self.delimiter) - between
+            if more and not (more == 1 and line.rstrip().endswith(self.delimiter)):
+                raise ValueError
+            yield line
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         if not self.comma:
@@ -384,11 +406,17 @@ class _TextColumns:
     ) -> Iterator[float]:
         where = f"table {self.path}, row {number}"
         if len(row) not in (len(self.names), len(self.names) + (row[-1].strip() == "")):
-            raise DataError(f"{where}: {len(row)} cells; expected {len(self.names)}")
+            both = ""
+            if self.delimiter == "," and len(row) > len(self.names):
+                both = (
+                    ". Where a comma is the decimal mark, too, no program can tell which is which: "
+                    "export it with semicolons or tabs between the cells"
+                )
+            raise DataError(f"{where}: {len(row)} cells; expected {len(self.names)}{both}")
         for name, column in zip(wanted, use, strict=True):
             text = row[column].strip()
             try:
-                yield float(text) if text else math.nan
+                yield math.nan if text.lower() in _NOTHING else float(text)
             except ValueError:
                 if (seconds := _seconds(text, where, name)) is not None:
                     yield seconds
@@ -400,6 +428,15 @@ class _TextColumns:
                     "Say header_row = N in [table] of a map where other lines stand before the "
                     "names, or begin these with #"
                 ) from None
+
+
+#: What stands in a cell without a value, in small letters.
+_NOTHING = frozenset(("", "-", "--", "n/a", "na", "#n/a", "null", "none", "nil"))
+
+
+def is_clock(text: str) -> bool:
+    """Whether a cell holds a time of day."""
+    return _CLOCK.fullmatch(text) is not None
 
 
 def _seconds(text: str, where: str, name: str) -> float | None:

@@ -7,7 +7,7 @@ values that no fit could use; each refusal says what to do.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, DataError, unknown
 from hil.record.column_checks import (
     from_zero,
+    in_named_units,
     in_seconds,
     judged_wraps,
     on_one_time,
@@ -35,7 +36,7 @@ from hil.record.locked import (
     grouped,
     in_base_axes,
 )
-from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target, time_unit
+from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target, refuse_constants, time_unit
 from hil.record.recording import Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
@@ -236,10 +237,18 @@ def _with_defaults(
     """
     own = {**given.expand(table.names), **rules}
     taken = {source for rule in own.values() for source in rule.terms}
+    counted = _from_zero(table, taken) if not own else {}
     default = {
-        n: given.rule(n, n) for n in table.names if is_target(n) and n not in taken | set(own)
+        counted.get(n, n): given.rule(counted.get(n, n), n)
+        for n in table.names
+        if (is_target(n) or n in counted)
+        and n not in taken | set(own)
+        and not (n == "t" and given.rate_hz)
     }
     out, said = {**own, **default}, []
+    if counted:
+        first = ", ".join(n for n, target in counted.items() if target == f"{n[:-1]}1")
+        said.append(f"the columns count joints from 0: {first} are of the first one")
     lone = [n for n in table.names if n in OF_A_JOINT and n not in taken]
     if "q" in lone and not any(n.rstrip("0123456789") in OF_A_JOINT for n in out):
         out |= {f"{n}1": given.rule(f"{n}1", n) for n in lone}
@@ -249,6 +258,28 @@ def _with_defaults(
         out["t"] = given.rule("t", timed[0])
         said.append(f"the column {timed[0]!r} is taken as the time")
     return out, said
+
+
+def _from_zero(table: ForeignTable, taken: Collection[str]) -> dict[str, str]:
+    """Columns of a recording by those of a table that counts its joints from 0; else nothing.
+
+    Raises
+    ------
+    DataError
+        If some quantities count from 0 and others from 1.
+    """
+    numbered = re.compile(r"(q|qd|tau|tauext|i|temp)([0-9]{1,2})")
+    found = {n: m for n in table.names if n not in taken and (m := numbered.fullmatch(n))}
+    first = {n for n in found if int(found[n][2]) == 0}
+    if "q0" not in first:
+        return {}
+    stems = {m[1] for m in found.values()}
+    if others := sorted(stem for stem in stems if f"{stem}0" not in first):
+        raise DataError(
+            f"table {table.path}: q0 counts the joints from 0, and {', '.join(others)} from 1; "
+            'say which column is of which joint in a map: [columns] q1 = "q0", ...'
+        )
+    return {n: f"{m[1]}{int(m[2]) + 1}" for n, m in found.items()}
 
 
 def _robot(
@@ -309,7 +340,9 @@ def _arm(
     rules = {**rules, **given.extras}
     columns, resampled = _sources(rules, tables)
     n = next(iter(columns.values())).size
-    rules, timed = in_seconds(rules, columns)
+    refuse_constants(given.units_of, d)
+    rules, timed = in_seconds(rules, columns, table.first)
+    rules, named = in_named_units(rules)
     columns, wrapped = unwrapped(rules, columns)
     values = {target: rule.apply(columns, n) for target, rule in rules.items()}
     for name, offset in given.offsets.get(table.run, {}).items():
@@ -329,7 +362,7 @@ def _arm(
     recording = _recording(arm, table, values, order, fitted, given, said)
     if not given.unit:
         refuse_units(table, recording, joints, positions)
-    notes = [*fitted.notes, *timed, *resampled, *mended, *told]
+    notes = [*fitted.notes, *timed, *named, *resampled, *mended, *told]
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
 
 

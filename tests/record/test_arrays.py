@@ -252,3 +252,15 @@ def test_columns_of_several_levels_are_named_in_the_refusal_and_read_as_it_says(
     found = hil.from_arrays(frame, map=said)
     np.testing.assert_array_equal(found.q, run.q)
     np.testing.assert_array_equal(found.tau, run.tau)
+
+
+def test_values_under_a_mask_are_missing(plain):
+    hidden = np.ma.array(plain.q[:, 0], mask=np.arange(plain.n) == 10)
+    with pytest.raises(DataError, match="1 missing"):
+        hil.from_arrays(plain.t, hidden, plain.tau)
+    assert hil.from_arrays(plain.t, hidden, plain.tau, missing="drop").n == plain.n - 1
+
+
+def test_a_lazy_frame_is_collected(plain):
+    frame = pl.DataFrame({"t": plain.t, "q1": plain.q[:, 0], "tau1": plain.tau[:, 0]})
+    assert hil.from_arrays(frame.lazy()).n == plain.n

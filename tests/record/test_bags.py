@@ -198,6 +198,22 @@ def test_what_stands_still_or_has_no_effort_is_locked_where_it_stood(tmp_path):
     assert both.joints == ("shoulder", "elbow")
 
 
+def test_efforts_that_are_missing_are_left_out_and_told(tmp_path):
+    q, qd, tau = motion()
+    holes, never = tau.copy(), tau.copy()
+    holes[40, 0] = np.nan
+    never[:, NAMES.index("elbow")] = np.nan
+    runs = []
+    for name, efforts in (("holes", holes), ("never", never)):
+        with BagFile(tmp_path, "mcap", name) as bag:
+            bag.joints("/joint_states", T, NAMES, q, qd, efforts)
+            bag.description(URDF)
+        runs += read_bag(bag.path)
+    assert runs[0].n == T.size - 1 and "1 message of 300 left out" in runs[0].metadata["note"]
+    assert runs[1].joints == ("shoulder",)
+    assert "elbow (by 1.43) moved without an effort" in runs[1].metadata["note"]
+
+
 @pytest.mark.parametrize(
     ("choice", "said"),
     [

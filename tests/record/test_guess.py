@@ -339,3 +339,41 @@ def test_a_map_or_an_option_says_in_whose_axes_the_force_is(
     axes = UrdfRobot(run.robot.urdf).tip_axes(run.q)
     wanted = np.einsum("nij,nj->ni", axes, force)
     np.testing.assert_allclose(load(str(tmp_path / "s.mcap")).wrench[:, :3], wanted, atol=1e-6)
+
+
+def test_a_unit_that_no_map_knows_is_never_taken_as_si():
+    text = propose(("t", "q1", "tau1 [dyn cm]")).text
+    assert 'tau1 = { from = "tau1 [dyn cm]", unit = "dyn cm" }  # add scale' in text
+    with pytest.raises(ConfigError, match="unknown unit 'dyn cm'"):
+        parse_map(tomllib.loads(text))
+    # a word in brackets that is no unit says nothing of one
+    assert 'tau1 = "torque [elbow]"' in propose(("t", "pos [elbow]", "torque [elbow]")).text
+
+
+@pytest.mark.parametrize(
+    ("name", "newtonmetres"),
+    [
+        ("tau1 [oz-in]", 7.0615518e-3),
+        ("tau1 (lbf.ft)", 1.35581795),
+        ("tau1 [in-lb]", 0.112984829),
+        ("tau1 [kgf cm]", 0.0980665),
+    ],
+)
+def test_units_of_torque_that_are_not_metric(name, newtonmetres):
+    rules = parse_map(tomllib.loads(propose(("t", "q1", name)).text)).arms[""]
+    assert rules["tau1"].terms == {name: pytest.approx(newtonmetres, rel=1e-7)}
+
+
+def test_the_first_row_of_a_ros_log_says_whose_each_number_is():
+    names = [f"field.{what}{k}" for what in ("name", "position", "effort") for k in (0, 1)]
+    first = {"field.name0": "elbow", "field.name1": "shoulder"}
+    found = propose(("%time", *names), ("shoulder", "elbow"), first)
+    assert found.columns["q1"] == "field.position1" and found.columns["tau2"] == "field.effort0"
+
+
+def test_seconds_and_nanoseconds_are_one_time():
+    head = "/joint_states/header/stamp/"
+    found = propose((f"{head}sec", f"{head}nanosec", "__time", "position_0", "effort_0"))
+    rule = parse_map(tomllib.loads(found.text)).arms[""]["t"]
+    assert rule.terms == {f"{head}sec": 1.0, f"{head}nanosec": 1e-9}
+    assert not found.missing

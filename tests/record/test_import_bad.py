@@ -141,14 +141,14 @@ def test_jumping_time_where_it_is_to_be_refused(tmp_path, refuse):
 
 
 def test_time_in_milliseconds(tmp_path, refuse):
-    refuse(changed(tmp_path, lambda c: c.update(t=1e3 * c["t"])), "milliseconds", "scale = 0.001")
+    refuse(changed(tmp_path, lambda c: c.update(t=1e3 * c["t"])), "milliseconds", 'unit = "ms"')
 
 
 @pytest.mark.parametrize(
     ("period", "words"),
     [
         (0.1, ("10 Hz", "20 Hz is the slowest that is analysed", "Record faster")),
-        (5.0, ("it looks like milliseconds", "scale = 0.001")),
+        (5.0, ("it looks like milliseconds (200 Hz)", 'unit = "ms"')),
     ],
 )
 def test_a_slow_time_is_refused_for_what_it_is(tmp_path, refuse, period, words):
@@ -174,17 +174,17 @@ def test_a_wide_range_whose_unit_was_said_is_not_doubted(tmp_path, capsys):
     """A turntable turns more than once; the same numbers without a unit are refused."""
 
     def turning(c):
-        turned = {"t": c["t"], "table (deg)": np.degrees(9.0 * c["q1"]), "tau1": c["tau1"]}
+        turned = {"t": c["t"], "table angle": np.degrees(9.0 * c["q1"]), "tau1": c["tau1"]}
         c.clear()
         c.update(turned)
 
     table, said = changed(tmp_path, turning), tmp_path / "m.toml"
     start = "schema = 'hil.map/1'\n[columns]\nt = 't'\ntau1 = 'tau1'\nq1 = "
-    said.write_text(start + "{ from = 'table (deg)' }")
+    said.write_text(start + "{ from = 'table angle' }")
     words = ["import", str(table), "--map", str(said), "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 2
-    assert 'from = "table (deg)", scale' in capsys.readouterr().err
-    said.write_text(start + "{ from = 'table (deg)', unit = 'deg' }")
+    assert 'from = "table angle", scale' in capsys.readouterr().err
+    said.write_text(start + "{ from = 'table angle', unit = 'deg' }")
     assert main(words) == 0
     assert np.ptp(load(tmp_path / "s.mcap").q[:, 0]) > 2 * np.pi
     assert main(["info", str(tmp_path / "s.mcap")]) == 0
@@ -629,3 +629,80 @@ def test_a_hostile_text_table_takes_memory_in_proportion_to_its_size(tmp_path, t
     good = "".join(f"{k / 1000:.3f},{k % 7},{k % 5}\n" for k in range(25_000))
     peak, larger = cost("good.csv", good), cost("bad.csv", text)
     assert larger < max(peak, 64 * len(text)) and larger < 2**25
+
+
+def test_cells_beyond_the_header_are_told(tmp_path, refuse):
+    """A comma as decimal mark between commas: values were taken from the wrong cells."""
+    table = tmp_path / "run.csv"
+    table.write_text("t,q1,tau1\n0,0,0,2,1,5\n0,01,0,3,1,6\n")
+    refuse(table, "row 2: 6 cells; expected 3", "decimal mark", "semicolons or tabs")
+    longer = write_csv(tmp_path / "longer.csv", columns(plants.joints(d=1)))
+    rows = longer.read_text().splitlines()
+    rows[9] += ",1.0"
+    longer.write_text("\n".join(rows) + "\n")
+    refuse(longer, "row 10: 5 cells; expected 4")
+
+
+def test_joints_that_are_counted_from_0(tmp_path, capsys, refuse):
+    def shifted(c):
+        for k in (1, 2):
+            for stem in ("q", "qd", "tau"):
+                c[f"{stem}{k - 1}"] = c.pop(f"{stem}{k}")
+
+    table = changed(tmp_path, shifted)
+    output = tmp_path / "s0.mcap"
+    assert main(["import", str(table), "-o", str(output)]) == 0
+    assert "count joints from 0: q0, qd0, tau0 are of the first one" in capsys.readouterr().out
+    got, true = load(output), plants.joints(d=2)
+    np.testing.assert_allclose(got.q, true.q, atol=1e-9)
+    np.testing.assert_allclose(got.tau, true.tau, atol=1e-6)
+    mixed = changed(tmp_path, lambda c: (shifted(c), c.update(tau2=c.pop("tau0"))))
+    refuse(mixed, "q0 counts the joints from 0, and tau from 1")
+
+
+def test_a_map_reads_the_unit_that_a_name_says(tmp_path, capsys):
+    def named(c):
+        turned = {"Time [ms]": 1e3 * c["t"], "p [deg]": np.degrees(c["q1"])}
+        turned["motor (mNm)"] = 1e3 * c["tau1"]
+        c.clear()
+        c.update(turned)
+
+    table, said = changed(tmp_path, named, d=1), tmp_path / "m.toml"
+    rules = "t = 'Time [ms]'\nq1 = 'p [deg]'\ntau1 = 'motor (mNm)'\n"
+    said.write_text(f"schema = 'hil.map/1'\n[columns]\n{rules}")
+    output = tmp_path / "s.mcap"
+    assert main(["import", str(table), "--map", str(said), "-o", str(output)]) == 0
+    told = capsys.readouterr().out
+    assert "q1 is read in deg" in told and "tau1 is read in mNm" in told
+    got, true = load(output), plants.joints(d=1)
+    np.testing.assert_allclose(got.q, true.q, atol=1e-9)
+    np.testing.assert_allclose(got.tau, true.tau, rtol=1e-6, atol=1e-9)
+    said.write_text(
+        said.read_text().replace("'motor (mNm)'", "{ from = 'motor (mNm)', scale = 2 }")
+    )
+    assert main(["import", str(table), "--map", str(said), "-o", str(output)]) == 0
+    np.testing.assert_allclose(load(output).tau, 2e3 * true.tau, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: 1e6 * t, ("microseconds", 'unit = "us"')),
+        (lambda t: np.round(t * 500), ("it counts samples", "rate_hz")),
+        (lambda t: np.floor(t) + 1.7e9, ("whole seconds", "rate_hz")),
+    ],
+)
+def test_a_time_in_other_units_gets_the_advice_that_mends_it(tmp_path, refuse, change, words):
+    refuse(changed(tmp_path, lambda c: c.update(t=change(c["t"]))), *words)
+
+
+def test_more_torque_constants_than_joints(tmp_path, refuse):
+    table = changed(tmp_path, lambda c: None)
+    refuse(table, "3 torque constants for 2 joints", options=("--torque-constant", "1,2,3"))
+
+
+def test_two_tables_at_once_are_refused_for_what_they_are(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["import", "a.csv", "b.csv", "-o", str(tmp_path / "s.mcap")])
+    assert stopped.value.code == 2
+    assert "unexpected 'b.csv'; the command takes TABLE and options" in capsys.readouterr().err

@@ -666,3 +666,47 @@ def test_a_data_set_without_efforts_says_that_these_are_needed(tmp_path, frame):
     needed = r"no column 'tau1', 'tau2' .*without the motors' efforts no model.*import TABLE"
     with pytest.raises(DataError, match=needed):
         import_table(tmp_path / "set", read_map("lerobot"))
+
+
+def test_words_for_nothing_are_missing_values(tmp_path):
+    table = tmp_path / "run.csv"
+    rows = [f"{0.01 * k},{0.1 * k},{0.2 * k}" for k in range(40)]
+    for at, word in zip((5, 9, 14, 20, 26), ("N/A", "null", "-", "None", ""), strict=True):
+        rows[at] = f"{0.01 * at},{word},{0.2 * at}"
+    table.write_text("t,q1,tau1\n" + "\n".join(rows) + "\n")
+    (found,) = import_table(table, missing="drop").recordings
+    assert found.n == 35
+    (filled,) = import_table(table, missing="interpolate").recordings
+    np.testing.assert_allclose(filled.q[:, 0], 0.1 * np.arange(40), atol=1e-12)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_wide_letters_without_a_mark(tmp_path, encoding):
+    table = tmp_path / "run.csv"
+    rows = "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},0.5\n" for k in range(30))
+    table.write_bytes(("t,q1,tau1\n" + rows).encode(encoding))
+    (found,) = import_table(table).recordings
+    assert found.n == 30 and found.q[3, 0] == 0.3
+
+
+def test_what_a_time_is_is_said(tmp_path):
+    def told(first, step):
+        table = tmp_path / "run.csv"
+        cells = [
+            f"{first + step * k:.3f}" if isinstance(first, float) else first(k) for k in range(30)
+        ]
+        table.write_text(
+            "t,q1,tau1\n" + "".join(f"{c},{0.1 * k},0.5\n" for k, c in enumerate(cells))
+        )
+        found = import_table(table)
+        assert found.recordings[0].period == pytest.approx(0.01, abs=1e-5)
+        return " ".join(found.notes)
+
+    assert "is the time of day" in told(lambda k: f"12:00:00.{10 * k:03d}", 0.0)
+    assert "since 1904; it begins at 2025-12-31" in told(3850000000.0, 0.01)
+
+
+def test_saved_objects_are_refused_in_a_sentence(tmp_path):
+    np.save(tmp_path / "p.npy", np.array([{"q": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(DataError, match="holds Python objects, which are never read"):
+        import_table(tmp_path / "p.npy")
