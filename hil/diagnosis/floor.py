@@ -37,9 +37,8 @@ from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
-from hil.identify.regression import basis, inflation, time_blocks
+from hil.identify.regression import basis, inflation, period, time_blocks
 from hil.identify.result import FitResult
-from hil.identify.screening import period
 from hil.models.motion import Motion
 from hil.models.network import PLACE, SPEED, dictionary, input_sets
 

@@ -227,13 +227,100 @@ def inflation(
     return max(total, 1.0)
 
 
+def period(problem: Problem, run: int) -> int:
+    """Instants after which the motion of a run repeats itself; 0 if it does not, or between two.
+
+    The shortest shift at which all positions agree to 2 % of their variation (rms) and
+    speeds to 5 %, over at least half of the run.
+    """
+    return round(_repeats(problem, run)[0])
+
+
+def _repeats(problem: Problem, run: int) -> tuple[float, float]:
+    """That shift in whole instants, and between them; each 0 where there is none."""
+    if ("period", run) not in problem.memo:
+        problem.memo["period", run] = tuple(_shift(problem, run, b) for b in (False, True))
+    found: tuple[float, float] = problem.memo["period", run]
+    return found
+
+
+def _shift(problem: Problem, run: int, between: bool) -> float:
+    where = problem.run == run
+    low, n = int(1.0 * problem.rate), int(np.sum(where))
+    if n // 2 < low:
+        return 0.0
+    worst, offset = np.zeros(n // 2 + 1 - low), np.zeros(n // 2 + 1 - low)
+    for x, tolerance in ((problem.q[:, where], 0.02), (problem.qd[:, where], 0.05)):
+        size = np.std(x, axis=1) + 1e-12
+        apart = np.stack([_apart(row) for row in x]) / size[:, None]
+        least, away = _valley(apart) if between else (apart, np.zeros_like(apart))
+        own = least[:, low:] / tolerance
+        joint, shift = np.argmax(own, axis=0), np.arange(own.shape[1])
+        offset = np.where(own[joint, shift] > worst, away[:, low:][joint, shift], offset)
+        worst = np.maximum(worst, own[joint, shift])
+    good = np.flatnonzero(worst < 1)
+    if not good.size:
+        return 0.0
+    # the first valley, to its bottom
+    first = good[good <= good[0] + 5]
+    at = int(first[np.argmin(worst[first])])
+    return low + at + float(offset[at])
+
+
+def _valley(apart: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least distance within half a shift of each one, and where: the square is a parabola there."""
+    y = apart**2
+    before, after = np.roll(y, 1, axis=1), np.roll(y, -1, axis=1)
+    bend = before + after - 2 * y
+    away = np.divide(before - after, 2 * bend, out=np.zeros_like(y), where=bend > 0)
+    within = np.abs(away) <= 0.6  # half, and what rounding adds
+    within[:, [0, -1]] = False
+    away = np.where(within, away, 0.0)
+    return np.sqrt(np.maximum(y - bend * away**2 / 2, 0.0)), away
+
+
+def _apart(x: FloatArray) -> FloatArray:
+    """Rms of x[l:] - x[:-l] for every shift l from 0 to n // 2, by one Fourier transform."""
+    n = x.size
+    x = x - x.mean()
+    spectrum = np.abs(np.fft.rfft(x, 2 * n)) ** 2
+    product = np.fft.irfft(spectrum)[: n // 2 + 1]
+    power = np.concatenate([[0.0], np.cumsum(x**2)])
+    shift = np.arange(n // 2 + 1)
+    both = power[n - shift] + power[n] - power[shift]
+    out: FloatArray = np.sqrt(np.maximum(both - 2 * product, 0.0) / (n - shift))
+    return out
+
+
+#: Blocks within one repetition of a motion from which on they are told by their phase.  Half: of
+#: few blocks nothing is beyond chance; double: ten seconds that are repeated count as new ones.
+PHASES = 12
+
+
+def phases(problem: Problem, run: int, length: int) -> tuple[float, int]:
+    """Instants of a repetition of a run's motion, and blocks in it; (0, 0) where there are few.
+
+    A motion that repeats itself brings the same rounding of an encoder, the same instants between
+    two samples at which friction turns, and the same places: what a model lacks there comes again.
+    """
+    lag = _repeats(problem, run)[1]
+    count = int(lag // max(length, 1))
+    return (lag, count) if count >= PHASES else (0.0, 0)
+
+
 def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:
-    """Number of the time block of each instant, runs kept apart; shape (n,)."""
+    """Number of the time block of each instant, runs kept apart; shape (n,).
+
+    Where a run's motion repeats itself all instants of one phase are one block.
+    """
     length = max(1, round(seconds * problem.rate))
     out = np.empty(problem.n, dtype=int)
     offset = 0
     for k in range(len(problem.recordings)):
         where = np.flatnonzero(problem.run == k)
-        out[where] = offset + np.arange(where.size) // length
-        offset = int(out[where[-1]]) + 1
+        lag, count = phases(problem, k, length)
+        at = np.arange(where.size)
+        own = (at % lag * count // lag if lag else at // length).astype(int)
+        out[where] = offset + own
+        offset += int(own.max()) + 1
     return out
