@@ -1231,6 +1231,39 @@ def serial_arm(
     return Recording(f"run{seed}", "arm", names, t, q, tau, robot=RobotSource("", text))
 
 
+#: Steps of a sample over which `repeated` averages its efforts.
+FINE_STEPS = 8
+
+
+def repeated(
+    seed: int,
+    fs: float = 200.0,
+    seconds: float = 40.0,
+    averaged: bool = False,
+    stribeck: float = 0.0,
+    noise: float = 1.0,
+) -> Recording:
+    """Two joints on nine tones that come again every 10 s, with dry friction that turns at once.
+
+    The encoder rounds to 2 pi / 65536.  The efforts are those of each instant, or `averaged` over a
+    sample, and have noise.  `stribeck` is what the second joint has of it [N m].
+    """
+    text, rng = serial_urdf(2, ("0 1 0", "0 1 0")), np.random.default_rng(seed)
+    steps = FINE_STEPS if averaged else 1
+    t = (np.arange(int(seconds * fs) * steps) - steps // 2) / (fs * steps)
+    w = 2 * np.pi * 0.1 * np.arange(1, 10) * np.ones((2, 1))
+    q, v, a = sines(t, w, rng.uniform(0.05, 0.2, w.shape), rng.uniform(0, 2 * np.pi, w.shape))
+    tau = _rnea(pin.buildModelFromXML(text), (q, v, a))
+    level = np.array([0.8, 0.4]) + stribeck * np.array([0.0, 1.0]) * np.exp(-((v / 0.12) ** 2))
+    tau += level * np.tanh(v / 0.003) + np.array([0.5, 0.2]) * v
+    tau = tau.reshape(-1, steps, 2).mean(axis=1)
+    tau += noise * np.array([0.05, 0.02]) * rng.standard_normal(tau.shape)
+    step, at = 2 * np.pi / 2**16, slice(steps // 2, None, steps)
+    q = np.round(q[at] / step) * step
+    names, source = ("joint1", "joint2"), RobotSource("", text)
+    return Recording(f"run{seed}", "arm", names, t[at], q, tau, robot=source)
+
+
 _PICKUP_LINK = """
   <link name="l{k}"><inertial><origin xyz="0 0 {c}"/><mass value="{m}"/>
     <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.004"/></inertial></link>

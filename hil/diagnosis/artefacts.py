@@ -65,9 +65,9 @@ from hil.diagnosis.constants import (
     UNSTIRRED,
     WHOLE,
 )
+from hil.diagnosis.floor import stir
 from hil.diagnosis.types import Candidate, Evidence, Step
 from hil.identify import bands
-from hil.identify.context import drives
 from hil.identify.design import Term
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
@@ -454,8 +454,6 @@ def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
 
 
 POSITION_NOISE = "position-noise"
-#: Seed of the noise that is added to positions.
-STIR = 0
 #: Cut-offs of smoothers [Hz].
 CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 
@@ -480,7 +478,7 @@ def mark_smoothers(found: list[Candidate], result: FitResult, projector: Project
         for c in found
         if Trait.SMOOTHS in c.term.effect.traits and c.p_value <= LEVEL and c.score > 0
     ]
-    stirred = _stirred(result) if own else np.zeros(0)
+    stirred = stir(result) if own else np.zeros(0)
     for j in {c.term.joint for c in own}:
         smoothers = _smoothers(projector, j)
         for c in own:
@@ -488,24 +486,6 @@ def mark_smoothers(found: list[Candidate], result: FitResult, projector: Project
                 c.stirred = float(stirred[j])
                 alike = _left(c, projector, smoothers) < TENTH * c.gain
                 c.smoother = c.gain < (UNSTIRRED if alike else STIRRED) * c.stirred
-
-
-def _stirred(result: FitResult) -> FloatArray:
-    """Weighted sum of squares that noise of the positions makes of the foretold efforts (d,)."""
-    problem, draw = result.problem, np.random.default_rng(STIR)
-    noisy = []
-    for r, m in zip(problem.recordings, problem.motions, strict=True):
-        noise = bands.white_noise(r, most=False) * draw.standard_normal(r.q.shape)
-        stride = max(round(m.dt * r.rate), 1)
-        e, de, dde = (
-            x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)
-        )
-        noisy.append(m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde))
-    law = problem, result.terms, result.theta, result.slices
-    each = [b - a for a, b in zip(drives(*law), drives(*law, noisy), strict=True)]
-    rows = np.stack([problem.gated([x[:, j : j + 1] for x in each], j) for j in range(problem.d)])
-    out: FloatArray = np.sum((rows[:, :, 0] / result.sigma[:, None]) ** 2, axis=1)
-    return out
 
 
 def _left(c: Candidate, projector: Projector, smoothers: FloatArray) -> float:

@@ -35,6 +35,8 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import ADEQUATE, MATTERS, SENSOR_ACCURACY, WORTH
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Explainable, Floor
+from hil.identify import bands
+from hil.identify.context import drives
 from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, inflation, period, time_blocks
@@ -210,6 +212,7 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
     """
     problem = result.problem
     total, count = np.zeros((2, problem.d))
+    common = np.zeros((len(problem.recordings), problem.d))
     for k in range(len(problem.recordings)):
         lag = period(problem, k)
         if not lag:
@@ -218,10 +221,56 @@ def repeat_floor(result: FitResult) -> FloatArray | None:
         both = live[:, lag:] & live[:, :-lag]
         total += np.sum(both * (r[:, lag:] - r[:, :-lag]) ** 2, axis=1) / 2
         count += np.sum(both, axis=1)
+        common[k] = _common(problem, k, lag)
     known = count > 0
     if not np.all(known | problem.silent):
         return None
-    return np.sqrt(total / np.maximum(count, 1))
+    power = total / np.maximum(count, 1)
+    if np.any(common > 0):
+        power = power + stir(result, common) * result.sigma**2 / np.maximum(problem.count, 1)
+    return np.asarray(np.sqrt(power))
+
+
+def _common(problem: Problem, k: int, lag: int) -> FloatArray:
+    """Share (d,) of the positions' noise that comes again with part k's motion.
+
+    Where positions repeat themselves to less than their noise it is the rounding of an encoder, the
+    same each time, of which the difference between two passes tells nothing.
+    """
+    r, q = problem.recordings[k], problem.q[:, problem.run == k]
+    passed = min(1.0, 2 * problem.rates.position / r.rate)
+    noise = np.maximum(bands.white_noise(r, most=False) ** 2 * passed, 1e-300)
+    apart = np.mean((q[:, lag:] - q[:, :-lag]) ** 2, axis=1) / 2
+    out: FloatArray = np.clip(1.0 - apart / noise, 0.0, 1.0)
+    return out
+
+
+#: Seed of the noise that is added to positions.
+STIR = 0
+
+
+def stir(result: FitResult, shares: FloatArray | None = None) -> FloatArray:
+    """Weighted sum of squares (d,) that noise of the positions makes of the foretold efforts.
+
+    shares : ndarray (runs, d), optional
+        Share of each joint's noise power, part by part; default all of it.
+    """
+    problem, draw = result.problem, np.random.default_rng(STIR)
+    noisy = []
+    for k, (r, m) in enumerate(zip(problem.recordings, problem.motions, strict=True)):
+        size = bands.white_noise(r, most=False)
+        size = size if shares is None else size * np.sqrt(shares[k])
+        noise = size * draw.standard_normal(r.q.shape)
+        stride = max(round(m.dt * r.rate), 1)
+        e, de, dde = (
+            x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)
+        )
+        noisy.append(m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde))
+    law = problem, result.terms, result.theta, result.slices
+    each = [b - a for a, b in zip(drives(*law), drives(*law, noisy), strict=True)]
+    rows = np.stack([problem.gated([x[:, j : j + 1] for x in each], j) for j in range(problem.d)])
+    out: FloatArray = np.sum((rows[:, :, 0] / result.sigma[:, None]) ** 2, axis=1)
+    return out
 
 
 def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:

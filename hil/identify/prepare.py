@@ -15,6 +15,7 @@ have a transform X_d of their own of length M, and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -448,6 +449,64 @@ def _external(
             f"recording {r.name!r} has no external effort (tauext or fx, fy, fz) to explain"
         )
     return np.zeros_like(q)
+
+
+#: Samples on each side of a reversal on which its effort is looked at: four numbers are fitted to
+#: them.  Half: as many numbers as samples; double: more than a parabola.
+AROUND = 4
+#: Reversals from which on they may tell how efforts were sampled, and standard errors of a test at
+#: one percent.
+TURNS, SURE = 24, 2.33
+
+
+def at_instants(parts: Sequence[tuple[Recording, Motion]]) -> bool:
+    """Whether efforts are values of the instants that they were recorded at, and no averages.
+
+    Dry friction turns between two samples, after the part f of the time between them.  An effort of
+    an instant has turned as a whole in the next one.  One that is averaged from the middle between
+    two samples to the next has, in the nearer one, turned by a part:
+
+        s = -1 + 2 max(0, 1/2 - f)  before,    s = 1 - 2 max(0, f - 1/2)  after.
+
+    About each reversal a parabola and s times a level are fitted to the recorded efforts.  What the
+    one form leaves less than the other, over both, counts; only where it is sure, so that noise of
+    positions or efforts that hides f leaves them averages.
+    """
+    each = [
+        x
+        for r, m in parts
+        if m.n == r.n and np.any(r.tau)
+        for j in range(r.d)
+        for x in _turned(r.tau[:, j], m.qd[:, j], float(m.v0[j]))
+    ]
+    if len(each) < TURNS:
+        return False
+    return float(np.mean(each)) > SURE * float(np.std(each)) / math.sqrt(len(each))
+
+
+def _turned(tau: FloatArray, v: FloatArray, slow: float) -> list[float]:
+    """How much less a sign at instants leaves than an average, reversal by reversal: -1 to 1."""
+    before = np.flatnonzero(np.sign(v[1:]) != np.sign(v[:-1]))
+    before = before[(before >= AROUND) & (before < v.size - AROUND - 1)]
+    offset, out = np.arange(1 - AROUND, AROUND + 1), []
+    for k in before:
+        speeds, y = v[k + offset], tau[k + offset]
+        sign = np.where(offset <= 0, -1.0, 1.0) * np.sign(speeds[-1])
+        if np.any(speeds * sign <= 0) or min(abs(speeds[0]), abs(speeds[-1])) < slow:
+            continue  # no reversal, or a rest
+        f = speeds[AROUND - 1] / (speeds[AROUND - 1] - speeds[AROUND])
+        mean = sign.copy()
+        mean[AROUND - 1] *= 1 - 2 * max(0.0, 0.5 - f)
+        mean[AROUND] *= 1 - 2 * max(0.0, f - 0.5)
+        bent = np.stack([np.ones(offset.size), offset, offset**2])
+        left = [_left(y, np.vstack([bent, s])) for s in (mean, sign)]
+        out.append((left[0] - left[1]) / max(left[0] + left[1], 1e-300))
+    return out
+
+
+def _left(y: FloatArray, x: FloatArray) -> float:
+    """Sum of squares that rows x (k, n) leave of y (n,)."""
+    return float(np.sum((y - x.T @ np.linalg.lstsq(x.T, y, rcond=None)[0]) ** 2))
 
 
 def _resolution(r: Recording, rates: bands.Rates) -> FloatArray:

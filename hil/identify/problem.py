@@ -21,7 +21,14 @@ from hil.errors import ConfigError, DataError
 from hil.identify import bands
 from hil.identify.clock import Timing, even
 from hil.identify.column_cache import Kept, Seen, watched
-from hil.identify.prepare import Decimator, converted, prepare, signal, timing_notes
+from hil.identify.prepare import (
+    Decimator,
+    at_instants,
+    converted,
+    prepare,
+    signal,
+    timing_notes,
+)
 from hil.models.effect import Effect, Trait, terms_of
 from hil.models.model import Band, RobotModel
 from hil.models.motion import Motion
@@ -233,6 +240,10 @@ class Rows:
             self._still.append(still)
             self._spoilt.append(spoilt)
             self._filters.append(decimator)
+        if explains == "motor" and at_instants(
+            [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
+        ):
+            self.motions = [replace(m, average=0.0) for m in self.motions]
         self._share_slips()
         self._assemble()
         #: How the motor efforts are aligned.
