@@ -475,8 +475,9 @@ def contradicted(result: FitResult) -> list[tuple[str, str]]:
                 f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
                 "stretches), or does gravity act in another direction than described?"
                 if _upwards(w)
-                else f"Check the masses and centres of mass that {joint} carries, and whether a "
-                "spring or a counterweight that the description does not have balances them"
+                else f"Check the masses and centres of mass that {joint} carries, the zeros of the "
+                "positions, and whether a spring or a counterweight that the description does not "
+                "have balances them"
             )
             out.append(
                 (

@@ -40,7 +40,13 @@ def read_model(path: str | Path) -> RobotModel:
     """
     path = Path(path)
     try:
-        data = parse_toml(read_text(path))
+        text = read_text(path)
+        if text.lstrip().startswith("<"):
+            raise ConfigError(
+                f"model {path} is a robot's description; give it to 'hil import --robot', which "
+                "writes the model file (.toml) beside the session"
+            )
+        data = parse_toml(text)
     except FileNotFoundError as error:
         raise ConfigError(f"model {path}: no such file") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:

@@ -279,7 +279,9 @@ def read(path: str | Path, messages: bool = True) -> Container:
         raise DataError(f"session {path}: {error.strerror}") from error
     if not _is_mcap(raw):
         what = "is empty" if not raw else "is not an MCAP file"
-        raise DataError(f"session {path} {what}; import a CSV, NPZ or MAT table with 'hil import'")
+        raise DataError(
+            f"session {path} {what}; tables and ROS bags are brought in by 'hil import'"
+        )
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)
     reader.read(raw)

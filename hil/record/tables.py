@@ -351,6 +351,8 @@ def _arm(
             if target not in values:
                 raise ConfigError(f"[offsets.{table.run}]: " + unknown("column", target, values))
             values[target] += offset
+    other = ", ".join(given.offsets) if table.run not in given.offsets else ""
+    told_of = [f"the offsets of the map are of {other}, none of {table.run}"] if other else []
     if given.rate_hz:
         values.setdefault("t", np.arange(n) / given.rate_hz)
     values, mended = whole_rows(table, rules, values, given)
@@ -362,7 +364,7 @@ def _arm(
     recording = _recording(arm, table, values, order, fitted, given, said)
     if not given.unit:
         refuse_units(table, recording, joints, positions)
-    notes = [*fitted.notes, *timed, *named, *resampled, *mended, *told]
+    notes = [*fitted.notes, *timed, *named, *told_of, *resampled, *mended, *told]
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
 
 

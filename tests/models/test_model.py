@@ -271,6 +271,12 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
         read_model(tmp_path / "latin.toml")
 
 
+def test_a_robots_description_in_the_place_of_a_model_is_told(tmp_path):
+    (tmp_path / "arm.urdf").write_text("<?xml version='1.0'?>\n<robot name='arm'/>\n")
+    with pytest.raises(ConfigError, match="is a robot's description; give it to 'hil import"):
+        read_model(tmp_path / "arm.urdf")
+
+
 def test_writing_into_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"folder .* does not exist"):
         write_model(BASE, tmp_path / "none" / "m.toml")

@@ -97,7 +97,7 @@ def test_json_is_alone_on_stdout(tmp_path, capsys):
     assert found["arms"][0]["samples"] == 3000
 
 
-def test_two_arms_and_runs_from_one_file(tmp_path):
+def test_two_arms_and_runs_from_one_file(tmp_path, capsys):
     r = plants.joints(d=1)
     array = np.stack([r.t, r.q[:, 0], -r.q[:, 0], r.tau[:, 0]], axis=1)
     np.savez(tmp_path / "runs.npz", first=array, second=2 * array)
@@ -120,6 +120,7 @@ leader.q1 = 0.5
     np.testing.assert_allclose(load(tmp_path / "s.mcap", "follower").q, 3 * r.q + 1)
     assert main([*words, "--run", "second", "--arm", "leader", "-o", str(tmp_path / "l.mcap")]) == 0
     assert summary(tmp_path / "l.mcap").arms == ("leader",)
+    assert "the offsets of the map are of first, none of second" in capsys.readouterr().out
 
 
 def test_joined_table_without_time(tmp_path):
