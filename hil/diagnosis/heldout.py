@@ -29,7 +29,17 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
 from hil.diagnosis.candidates import held_out
-from hil.diagnosis.constants import ADEQUATE, CERTAIN, HALF, NEAR_FLOOR, OPEN, SURE, WHOLE, WORTH
+from hil.diagnosis.constants import (
+    ADEQUATE,
+    CERTAIN,
+    HALF,
+    LEVEL,
+    NEAR_FLOOR,
+    OPEN,
+    SURE,
+    WHOLE,
+    WORTH,
+)
 from hil.diagnosis.evidence import floor_of, gather, in_time, terms_to_try
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step
@@ -541,8 +551,17 @@ def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, s
             told = (_names(named, evidence.projector), pair.theirs, pair.ours)
             blind = any(u.hides(named[0].name, pair.joints[j]) for u in out.unseen)
             blind |= bool(leaves(identified(pair.fitted.problem), pair.alone.problem, j))
+            blind |= _glimpsed(out.last, named[0])
             texts.append((j, _only(named[0], floor, told, pair.alone, blind)))
     return texts
+
+
+def _glimpsed(evidence: Evidence, c: Candidate) -> bool:
+    """Whether a fit saw an effect beyond chance, too, though too little of it to name."""
+    return any(
+        (k.name, k.joint) == (c.name, c.joint) and k.p_value <= LEVEL and k.score > 0
+        for k in evidence.candidates
+    )
 
 
 def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:

@@ -14,7 +14,7 @@ _HELD = {"verbs": {1.0, 0.99, 1.01}}
 _ARITHMETIC = {
     "artefacts": {
         *("WIDER", "WIDEST", "CUTS"),
-        *("STEPS", "LEAST", "FINE", "MOST", "OVERTONES", "HILLS", "PEAKS", "ABOUT", "STIR"),
+        *("STEPS", "LEAST", "FINE", "MOST", "OVERTONES", "HILLS", "PEAKS", "ABOUT"),
     },
     "attribution": {"FURTHER"},
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
@@ -22,7 +22,7 @@ _ARITHMETIC = {
     "evidence": {"DEPENDENT"},
     "floor": {
         "RANK", "FLOOR_STEPS", "FULL", "STRENGTHS", "FOLDS", "SECONDS", "MAX_ROWS", "FINE",
-        "COARSE", "NEAR", "POSES", "HIDDEN_SHARE", "TREND",
+        "COARSE", "NEAR", "POSES", "HIDDEN_SHARE", "TREND", "STIR",
     },
     "grams": {"BOUND_ROUNDS"},
     "heldout": {"RESOLUTION_RATIO"},
