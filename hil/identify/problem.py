@@ -95,6 +95,9 @@ class Alignment:
         return np.asarray(out)
 
 
+#: Part of a sample by which efforts may be shifted and be values of instants.  Half: the least
+#: lateness blunts every turn; double: a step between two samples rings.
+ON_SAMPLE = 0.1
 #: Least share of a wave that a moving average is taken to have left.
 LEFT = 0.25
 
@@ -240,9 +243,10 @@ class Rows:
             self._still.append(still)
             self._spoilt.append(spoilt)
             self._filters.append(decimator)
-        if explains == "motor" and at_instants(
-            [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
-        ):
+        rows = [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
+        #: Whether efforts are values of instants, see `hil.identify.prepare.at_instants`.
+        self.of_instants = explains == "motor" and at_instants(rows)
+        if self.of_instants:
             self.motions = [replace(m, average=0.0) for m in self.motions]
         self._share_slips()
         self._assemble()
@@ -521,11 +525,18 @@ class Problem(Rows):
         self.alignment = alignment
         recorded = [m.tau for m in self._first[0]]
         self.motions = [
-            m.with_(tau=alignment(r, m.t, m.since))
+            replace(m, tau=alignment(r, m.t, m.since), average=self._average(m))
             for m, r in zip(self.motions, recorded, strict=True)
         ]
         self._target()
         self._kept = self._kept.pruned(self.motions)
+
+    def _average(self, m: Motion) -> float:
+        """Time over which a sign is averaged [s]: between two instants there is no value of one."""
+        a = self.alignment
+        samples = a.shift / m.dt
+        between = abs(samples - round(samples)) > ON_SAMPLE or a.lag or a.rate
+        return 0.0 if self.of_instants and not between else m.dt
 
     def set_context(self, **changes: FloatArray) -> None:
         """Change v0, contact or load; forget the columns that were made of them."""
