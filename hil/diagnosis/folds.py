@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.constants import BINS, FEWEST, FOLDS, GUARD, LEVELS, MOST, PARTS, PERIODS
 from hil.identify.problem import Problem
-from hil.identify.regression import phases
 
 FloatArray = NDArray[np.float64]
 
@@ -79,11 +78,11 @@ def split(problem: Problem, seed: int = 0, whole_runs: bool = True) -> Split:
         Whether folds may be whole runs; not where a run has coefficients of its own, which no
         other run determines.
     """
-    block, inner, phase = _blocks(problem)
+    block, inner = _blocks(problem)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     run = np.asarray(problem.whole)[problem.run[first]]
     by_run = whole_runs and problem.runs >= 3
-    fold = run % FOLDS if by_run else _dealt(int(phase.max()) + 1, seed)[phase]
+    fold = run % FOLDS if by_run else _dealt(first.size, seed)
     beyond = inner & _beyond(problem, fold[block])
     return Split(block, np.asarray(fold), inner & ~beyond, beyond, by_run)
 
@@ -109,35 +108,22 @@ def levels(problem: Problem, dealt: Split) -> Split | None:
     return replace(dealt, fold=fold, tested=dealt.tested | dealt.extrapolated, by_run=False)
 
 
-def _blocks(
-    problem: Problem,
-) -> tuple[NDArray[np.int_], NDArray[np.bool_], NDArray[np.int_]]:
-    """Block of each instant, whether it lies between the guards of its block, and phase of a block.
-
-    Blocks of one phase of a motion that repeats itself go to one fold.
-    """
+def _blocks(problem: Problem) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+    """Block of each instant, and whether it lies between the guards of its block."""
     period = problem.rate / problem.rates.effort
     sizes = np.bincount(problem.run)
     length = int(np.clip(sizes.sum() / MOST, PERIODS * period, max(sizes.sum() / FEWEST, 1)))
     guard = int(np.ceil(GUARD * period))
     if length < 4 * guard:
         guard = length // 4
-    block, inner, phase, count, known = [], [], [], 0, 0
-    for run, size in enumerate(sizes):
-        lag, pieces = phases(problem, run, length)
-        at = np.arange(size)
-        if lag:
-            own = (at * pieces // lag).astype(int)
-            label = np.arange(int(own[-1]) + 1) % pieces
-        else:
-            pieces = max(1, round(size / max(length, 1)))
-            own = np.minimum(at * pieces // size, pieces - 1)
-            label = np.arange(pieces)
+    block, inner, count = [], [], 0
+    for size in sizes:
+        pieces = max(1, round(size / max(length, 1)))
+        own = np.minimum(np.arange(size) * pieces // size, pieces - 1)
         block.append(own + count)
         inner.append(_inner(own, guard))
-        phase.append(label + known)
-        count, known = count + label.size, known + pieces
-    return np.concatenate(block), np.concatenate(inner), np.concatenate(phase)
+        count += pieces
+    return np.concatenate(block), np.concatenate(inner)
 
 
 def _inner(block: NDArray[np.int_], guard: int) -> NDArray[np.bool_]:
