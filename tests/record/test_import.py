@@ -231,3 +231,22 @@ def test_extra_columns_come_along(tmp_path, capsys):
     t, fields = read_fields(tmp_path / "s.mcap", "/extras")
     np.testing.assert_allclose(fields["qg"], r.q[:, 0], rtol=1e-12, atol=1e-15)
     np.testing.assert_array_equal(t, load(tmp_path / "s.mcap").t)
+
+
+def test_the_commands_that_follow_can_be_typed_where_names_have_blanks(tmp_path, capsys):
+    table = write_csv(tmp_path / "my run.csv", columns(plants.joints(d=1)))
+    assert main(["import", str(table), "-o", str(tmp_path / "my run.mcap")]) == 0
+    assert f"hil info '{tmp_path / 'my run.mcap'}'" in capsys.readouterr().out
+
+
+def test_sessions_below_a_folder_that_has_some_are_told(tmp_path):
+    from hil.record.sources import find, passed_over
+
+    deep = tmp_path / "day2"
+    deep.mkdir()
+    for place in (tmp_path / "a.mcap", deep / "b.mcap"):
+        place.write_bytes(b"")
+    assert find([tmp_path]) == [tmp_path / "a.mcap"]
+    (told,) = passed_over([tmp_path])
+    assert "1 session in the folders below it left out" in told
+    assert passed_over([deep]) == []

@@ -710,3 +710,11 @@ def test_saved_objects_are_refused_in_a_sentence(tmp_path):
     np.save(tmp_path / "p.npy", np.array([{"q": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(DataError, match="holds Python objects, which are never read"):
         import_table(tmp_path / "p.npy")
+
+
+def test_the_rate_of_rows_whose_stamps_mostly_repeat_is_finite(tmp_path):
+    table = tmp_path / "run.csv"
+    rows = "".join(f"{0.01 * (k // 3):.2f},{0.1 * k},0.5\n" for k in range(60))
+    table.write_text("t,q1,tau1\n" + rows)
+    (found,) = import_table(table).recordings
+    assert found.rate == pytest.approx(59 / 0.19)
