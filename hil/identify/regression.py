@@ -239,25 +239,28 @@ def period(problem: Problem, run: int) -> int:
 def _repeats(problem: Problem, run: int) -> tuple[float, float]:
     """That shift in whole instants, and between them; each 0 where there is none."""
     if ("period", run) not in problem.memo:
-        problem.memo["period", run] = tuple(_shift(problem, run, b) for b in (False, True))
+        problem.memo["period", run] = _shifts(problem, run)
     found: tuple[float, float] = problem.memo["period", run]
     return found
 
 
-def _shift(problem: Problem, run: int, between: bool) -> float:
+def _shifts(problem: Problem, run: int) -> tuple[float, float]:
     where = problem.run == run
     low, n = int(1.0 * problem.rate), int(np.sum(where))
     if n // 2 < low:
-        return 0.0
-    worst, offset = np.zeros(n // 2 + 1 - low), np.zeros(n // 2 + 1 - low)
+        return 0.0, 0.0
+    each = []
     for x, tolerance in ((problem.q[:, where], 0.02), (problem.qd[:, where], 0.05)):
-        size = np.std(x, axis=1) + 1e-12
-        apart = np.stack([_apart(row) for row in x]) / size[:, None]
-        least, away = _valley(apart) if between else (apart, np.zeros_like(apart))
-        own = least[:, low:] / tolerance
-        joint, shift = np.argmax(own, axis=0), np.arange(own.shape[1])
-        offset = np.where(own[joint, shift] > worst, away[:, low:][joint, shift], offset)
-        worst = np.maximum(worst, own[joint, shift])
+        size = (np.std(x, axis=1) + 1e-12) * tolerance
+        each += [_apart(row) / s for row, s in zip(x, size, strict=True)]
+    apart = np.stack(each)
+    return _first_valley(apart, np.zeros_like(apart), low), _first_valley(*_valley(apart), low)
+
+
+def _first_valley(apart: FloatArray, away: FloatArray, low: int) -> float:
+    """First shift from `low` on at which all distances (k, shifts) are below one; 0 if none is."""
+    joint, shift = np.argmax(apart, axis=0), np.arange(apart.shape[1])
+    worst, offset = apart[joint, shift][low:], away[joint, shift][low:]
     good = np.flatnonzero(worst < 1)
     if not good.size:
         return 0.0

@@ -95,6 +95,8 @@ _ATOMS = frozenset(
 _CUT = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _BRACKETS = re.compile(r"[\[(]([^\[\]()0-9][^\[\]()]*)[\])]")
 _END = re.compile(r"(?<=[ _.\-/0-9])(?:[A-Za-zµμ°]+[_/ ])?[A-Za-zµμ°%]+$")
+#: Units that count in brackets alone: at the end of a name they are words (theta_in, wrist_ft).
+_BRACKETED = frozenset(("in", "ft", "in/s", "ft/s"))
 _SPEED = {u.removesuffix("/s"): u for u in _BY_KIND["qd"].split()}
 _LENGTHS = frozenset(("m", "cm", "mm", "um"))
 #: Names that the protocol of a drive gives: what they say in words, and in which unit.
@@ -449,7 +451,7 @@ def _unit_at(name: str) -> tuple[str, str]:
             return name[: found.start()] + " " + name[found.end() :], unit
     found_end = _END.search(name)
     while found_end:
-        if unit := _spelt(found_end[0]):
+        if (unit := _spelt(found_end[0])) and unit not in _BRACKETED:
             return name[: found_end.start()], unit
         cut = re.search(r"[_/ ]", found_end[0])
         if not cut:
@@ -462,7 +464,9 @@ def _odd_unit(name: str) -> str:
     """Unit in the brackets of a name that no map knows; empty where there is none."""
     for found in _BRACKETS.finditer(name):
         parts = re.findall(r"[^\W\d_]+", found[1].lower())
-        if parts and set(parts) <= _ATOMS and not _spelt(found[1]):
+        # one letter may count joints, and the least of something is no minute
+        alone = len(parts) == 1 and (len(parts[0]) == 1 or parts[0] == "min")
+        if parts and not alone and set(parts) <= _ATOMS and not _spelt(found[1]):
             return found[1].strip()
     return ""
 

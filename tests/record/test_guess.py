@@ -377,3 +377,12 @@ def test_seconds_and_nanoseconds_are_one_time():
     rule = parse_map(tomllib.loads(found.text)).arms[""]["t"]
     assert rule.terms == {f"{head}sec": 1.0, f"{head}nanosec": 1e-9}
     assert not found.missing
+
+
+def test_words_that_look_like_units_are_none():
+    """An input is no inch, a wrist sensor no foot, and letters in brackets count joints."""
+    assert quantity("theta_in") == ("q", "") and quantity("theta [in]") == ("q", "in")
+    assert quantity("torque_ft") == ("tau", "")
+    text = propose(("t", "pos (a)", "pos (b)", "torque (a)", "torque (b)")).text
+    assert "unit" not in text.split("[columns]")[1]
+    assert quantity("pos (min)")[1] == ""
