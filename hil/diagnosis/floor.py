@@ -252,7 +252,11 @@ STIR = 0
 def stir(result: FitResult, shares: FloatArray | None = None) -> FloatArray:
     """Weighted sum of squares (d,) that noise of the positions makes of the foretold efforts.
 
-    shares : ndarray (runs, d), optional
+    Parameters
+    ----------
+    result : FitResult
+        The fit that foretells them.
+    shares : ndarray (parts, d), optional
         Share of each joint's noise power, part by part; default all of it.
     """
     problem, draw = result.problem, np.random.default_rng(STIR)

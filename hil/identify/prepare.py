@@ -455,7 +455,8 @@ def _external(
 #: them.  Half: as many numbers as samples; double: more than a parabola.
 AROUND = 4
 #: Reversals from which on they may tell how efforts were sampled, and standard errors of a test at
-#: one percent.
+#: one percent.  Half as many: noise of few reversals decides; double: short runs of clean efforts
+#: count as averages.
 TURNS, SURE = 24, 2.33
 
 
