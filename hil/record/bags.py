@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -396,12 +396,6 @@ def _useful(state: _Group, effort: _Group, chosen: BagChoice) -> list[str]:
     ]
 
 
-def _positions(state: _Group, names: Iterable[str]) -> dict[str, FloatArray]:
-    """Positions (n,) of those of the joints that the bag has."""
-    q = state.parts["position"]
-    return {n: q[:, state.names.index(n)] for n in names if n in state.names}
-
-
 def _held(state: _Group, name: str) -> float:
     q = state.parts["position"][:, state.names.index(name)]
     return float(np.nanmedian(q)) if np.isfinite(q).any() else 0.0
@@ -431,7 +425,8 @@ def _recording(
     columns = [state.names.index(n) for n in what.names]
     q, qd = parts["position"][:, columns], parts["velocity"][:, columns]
     tau, good = _aligned(effort, "effort", clock, stamps, what.names)
-    if effort.topic == state.topic:  # a message without its effort is left out, not bridged
+    same = (effort.topic, effort.names) == (state.topic, state.names)
+    if same:  # a message without its effort is left out, not bridged
         good &= np.isfinite(parts["effort"][:, columns]).all(axis=1)
     wrench = None
     if force is not None:
@@ -575,8 +570,7 @@ def _told(
     if what.locked:
         places = ", ".join(f"{n} at {v:.4g}" for n, v in what.locked.items())
         said += f"; locked: {places}"
-        still = {n: np.ptp(q[np.isfinite(q)]) for n, q in _positions(state, what.locked).items()}
-        moved = ", ".join(f"{n} (by {x:.3g})" for n, x in still.items() if x > STILL)
+        moved = ", ".join(n for n in what.locked if n in state.names and _moves(state, n))
         said += f"; of these {moved} moved without an effort that changes" if moved else ""
     elif left := [n for n in state.names if n not in what.names]:
         said += f"; left out: {', '.join(left)} (without motion or effort)"

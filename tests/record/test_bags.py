@@ -211,7 +211,18 @@ def test_efforts_that_are_missing_are_left_out_and_told(tmp_path):
         runs += read_bag(bag.path)
     assert runs[0].n == T.size - 1 and "1 message of 300 left out" in runs[0].metadata["note"]
     assert runs[1].joints == ("shoulder",)
-    assert "elbow (by 1.43) moved without an effort" in runs[1].metadata["note"]
+    assert "of these elbow moved without an effort" in runs[1].metadata["note"]
+
+
+def test_a_joint_of_which_nothing_is_known_is_locked_without_a_word(tmp_path):
+    q, qd, tau = motion()
+    unknown = q.copy()
+    unknown[:, NAMES.index("elbow")] = np.nan
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, NAMES, unknown, qd, tau)
+        bag.description(URDF)
+    (r,) = read_bag(bag.path)
+    assert r.joints == ("shoulder",) and "moved without" not in r.metadata["note"]
 
 
 @pytest.mark.parametrize(
