@@ -337,7 +337,7 @@ def _at_floor(case: RuleCase) -> str:
         return ""
     own = search.now.result.rms
     rms = own if held.kind != "holdout" else np.maximum(held.rms, own)
-    rms = own / ADEQUATE if effect.scope.tip else rms
+    rms = rms / ADEQUATE if effect.scope.tip else rms
     met = not case.evidence.floor.exceeded(rms, j)
     return "the error of its joint is at the noise floor" if met else ""
 
@@ -471,9 +471,14 @@ def _scales(case: Refit) -> str:
 
 
 def _leaves_much(case: Refit) -> bool:
-    """Whether a model leaves more than a tenth of the squared error of the joint before it."""
-    j = case.rated.joint
-    return bool(case.after.errors.power[j] > TENTH * case.before.errors.power[j])
+    """Whether a model leaves more than a tenth of what a joint's squared error has above its floor.
+
+    Where no floor is known, of all of it.
+    """
+    j, first = case.rated.joint, case.search.first
+    least = 0.0 if first is None else float(first.floor.rms[j]) ** 2
+    before, after = (float(x.errors.power[j]) - least for x in (case.before, case.after))
+    return after > TENTH * max(before, 0.0)
 
 
 @_fit("allowed")

@@ -198,11 +198,13 @@ def _turned_by_both(motion: Motion, j: int, k: int, r: float) -> FloatArray:
 def _differential_brakes(f: Fitted) -> bool:
     """Friction brakes both motors; the inertia is shared with the arm's own.
 
-    So is the viscous part, which alone may come out below zero.
+    So is the viscous part: it may come out below zero alone, by any amount where the joints' own
+    viscous friction leaves it undetermined.
     """
     k, r = int(f.shape[0]) - 1, f.shape[1]
     each = ((f.motion.qd[:, f.j] + s * r * f.motion.qd[:, k], at) for s, at in ((1, 1), (-1, 4)))
-    return all(brakes(w, f.beta[at : at + 2], f.slack[at : at + 2]) for w, at in each)
+    beta = [b if sure else max(b, 0.0) for b, sure in zip(f.beta, f.determined, strict=True)]
+    return all(brakes(w, beta[at : at + 2], f.slack[at : at + 2]) for w, at in each)
 
 
 def _differential_grid(motion: Motion, j: int) -> Shapes:

@@ -222,7 +222,7 @@ class CoupledSpring(Effect):
         ),
         over=Over.POSITION,
     )
-    params = (Param("k", "{F}/{x}", "stiffness"),)
+    params = (Param("k", "{F}/{x}", "stiffness", 0.0),)
     shape = (
         Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's position, in this joint's unit"),

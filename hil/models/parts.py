@@ -533,6 +533,12 @@ class Fitted:
         known = self.error if len(self.error) == len(self.beta) else [0.0] * len(self.beta)
         return [VALUE_DEVIATIONS * e if math.isfinite(e) else 0.0 for e in known]
 
+    @property
+    def determined(self) -> list[bool]:
+        """Whether every coefficient has a value of its own: others may share it with no loss."""
+        known = len(self.error) == len(self.beta)
+        return [math.isfinite(e) for e in self.error] if known else [True] * len(self.beta)
+
 
 @dataclass(frozen=True)
 class Limit:

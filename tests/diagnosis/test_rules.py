@@ -252,6 +252,47 @@ def test_nothing_is_named_on_a_joint_at_its_floor(
 
 
 @pytest.mark.parametrize(
+    ("fitted", "held", "stopped"), [(1.15, 1.15, True), (1.3, 1.15, False), (1.15, 1.3, False)]
+)
+def test_an_effect_at_the_tip_needs_an_error_above_the_floor(
+    fitted: float, held: float, stopped: bool
+) -> None:
+    """By a tenth more than others, whatever it takes; held-out runs have the last word, too."""
+    one = case("force-bias")
+    one_each = np.ones(1)
+    floor = Floor(one_each, "largest-model", np.zeros((1, 10)), one_each, one_each)
+    rung = SimpleNamespace(
+        result=SimpleNamespace(rms=np.array([fitted])),
+        step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
+    )
+    one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    one.rated.before, one.rated.after = 1.0, 0.8**2
+    assert bool(rules.CANDIDATE["at-floor"](one)) is stopped
+
+
+@pytest.mark.parametrize(("floor", "stopped"), [(0.5, False), (0.1, True)])
+def test_a_wave_at_the_end_of_its_range_leaves_no_more_than_the_floor(
+    floor: float, stopped: bool
+) -> None:
+    """Else a slower function than any that was tried is meant: scales."""
+    term = Term(catalogue.get("encoder-eccentricity"), 0, (2.0,))
+    (name,) = (f"j1.encoder-eccentricity.{p.name}" for p in term.effect.shape if p.size)
+    value = SimpleNamespace(value=2.0, stderr=0.1, at_bound=True)
+    powers = [SimpleNamespace(power=np.array([x])) for x in (1.0, 0.27)]
+    one: Any = SimpleNamespace(
+        rated=SimpleNamespace(candidate=Candidate(term, 1.0, 1.0), joint=0),
+        before=SimpleNamespace(errors=powers[0]),
+        after=SimpleNamespace(
+            errors=powers[1], result=SimpleNamespace(terms=[term], values={name: value})
+        ),
+        search=SimpleNamespace(first=SimpleNamespace(floor=SimpleNamespace(rms=np.array([floor])))),
+    )
+    assert bool(rules.FIT["scales"](one)) is stopped
+    one.search.first = None
+    assert rules.FIT["scales"](one)
+
+
+@pytest.mark.parametrize(
     ("effect", "masses", "stopped"),
     [
         ("friction-drift", 1.0, False),

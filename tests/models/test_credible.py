@@ -127,6 +127,22 @@ def test_a_stop_pushes_and_friction_at_the_end_of_the_range_is_none(side: float)
     assert not allowed("end-stop", (q0, side), (1.0, -9.0, 0.0))  # pulls beyond a depth
 
 
+def test_a_spring_between_joints_pushes_none_of_them_away() -> None:
+    """A force sensor's offset looks like such a spring, but for its sign."""
+    assert allowed("coupled-spring", (2.0, -1.0), (1.0,))
+    assert not allowed("coupled-spring", (2.0, -1.0), (-1.0,), (0.1,))
+    assert allowed("coupled-spring", (2.0, -1.0), (-0.1,), (0.1,))  # next to nothing
+
+
+def test_viscous_friction_that_joints_share_with_two_motors_is_no_drive() -> None:
+    shape, beta = (2.0, 1.0), (0.1, 0.3, -5.0, 0.1, 0.3, -5.0)
+    sure, shared = (0.01,) * 6, (0.01, 0.01, np.nan) * 2
+    assert not allowed("differential", shape, beta, sure)
+    assert allowed("differential", shape, beta, shared)
+    beta = (0.1, -0.3, 5.0, 0.1, 0.3, 5.0)
+    assert not allowed("differential", shape, beta, shared)
+
+
 def test_a_structure_rings() -> None:
     assert allowed("vibration-mode", (5.0, 0.3), (0.1,))
     assert not allowed("vibration-mode", (5.0, 0.5), (0.1,))
