@@ -207,6 +207,15 @@ def _mat(folder: Path) -> list[str]:
     return ["run.mat"]
 
 
+def _hdf5(folder: Path) -> list[str]:
+    import h5py
+
+    with h5py.File(folder / "run.h5", "w") as file:
+        for name, column in columns().items():
+            file[f"log/{name}"] = column
+    return ["run.h5"]
+
+
 def _parquet(folder: Path) -> list[str]:
     import pyarrow as pa
     from pyarrow import parquet
@@ -340,6 +349,7 @@ DOORS: tuple[Door, ...] = (
     Door("NPZ", _npz),
     Door("NPY", _npy),
     Door("MATLAB", _mat),
+    Door("HDF5", _hdf5, "h5py"),
     Door("Parquet", _parquet, "pyarrow"),
     Door("Feather", _feather, "pyarrow"),
     Door("Excel", _xlsx, "openpyxl"),

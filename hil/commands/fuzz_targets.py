@@ -233,6 +233,19 @@ def _feather() -> list[bytes]:
     return out
 
 
+def _hdf5() -> list[bytes]:
+    import h5py
+
+    out = []
+    for packed, group in ((None, "log/"), ("gzip", "")):
+        file = io.BytesIO()
+        with h5py.File(file, "w") as target:
+            for name, column in _columns().items():
+                target.create_dataset(group + name, data=column, compression=packed)
+        out.append(file.getvalue())
+    return out
+
+
 def _map(data: bytes, folder: Path) -> object:
     path, table = _put(data, folder, "map.toml"), _put(_csv()[0], folder, "run.csv")
     return import_table(table, read_map(path))
@@ -442,6 +455,7 @@ TARGETS: Sequence[Target] = (
     Target("xlsx", partial(_read_here, "run.xlsx"), _xlsx),
     Target("npy", partial(_read_here, "run.npy"), _npy),
     Target("feather", partial(_imported, "run.feather"), _feather),
+    Target("hdf5", partial(_imported, "run.h5"), _hdf5),
     Target("bag1", partial(_bag, "run.bag"), partial(_bag_seeds, "bag")),
     Target("bag2-mcap", partial(_bag, "run.mcap"), partial(_bag_seeds, "mcap")),
     Target("bag2-sqlite", partial(_bag, "run.db3"), partial(_bag_seeds, "db3")),

@@ -163,9 +163,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "table",
         metavar="TABLE",
-        help="text, NPY, NPZ, MAT, Parquet, Feather or XLSX file with columns t, q1.., tau1.. "
-        "(SI); a ROS bag (.bag, .mcap, .db3 or a folder with metadata.yaml); the folder of a "
-        "LeRobot data set; or a public recording, e.g. emps/DATA_EMPS.mat, found through "
+        help="text, NPY, NPZ, MAT, HDF5, Parquet, Feather or XLSX file with columns t, q1.., "
+        "tau1.. (SI); a ROS bag (.bag, .mcap, .db3 or a folder with metadata.yaml); the folder of "
+        "a LeRobot data set; or a public recording, e.g. emps/DATA_EMPS.mat, found through "
         f"{datasets.VARIABLE}",
     )
     parser.add_argument(

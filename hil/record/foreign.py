@@ -1,4 +1,4 @@
-"""Arrays of a binary table (NPY to XLSX) or a ROS bag, read in a process with limits.
+"""Arrays of a binary table (NPY to HDF5) or a ROS bag, read in a process with limits.
 
 The readers of these formats trust what a file says of itself: of a damaged one they claim any
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
@@ -407,6 +407,8 @@ _READERS: dict[str, tuple[str, str, str]] = {
     ".feather": ("_feather", "a Feather", "pyarrow.feather"),
     ".arrow": ("_feather", "an Arrow", "pyarrow.feather"),
     ".xlsx": ("_xlsx", "an XLSX", "openpyxl"),
+    ".h5": ("_hdf5", "an HDF5", "h5py"),
+    ".hdf5": ("_hdf5", "an HDF5", "h5py"),
 }
 #: Endings of binary tables.
 BINARY = tuple(_READERS)
@@ -445,6 +447,79 @@ def _within(path: str, value: Array, deeper: int) -> Iterator[tuple[str, Array]]
             yield from _within(f"{own}.{name}", inner, deeper - 1)
 
 
+#: First bytes of HDF5, and where they may stand: a MAT file of version 7.3 has 512 bytes before.
+_HDF5, _STARTS = b"\x89HDF\r\n\x1a\n", (0, 512)
+
+
+def _is_hdf5(path: str) -> bool:
+    """Whether a file holds HDF5, whatever it is called."""
+    try:
+        with open_regular(path, LARGEST) as file:
+            start = file.read(_STARTS[-1] + len(_HDF5))
+    except OSError:
+        return False
+    return any(start[at : at + len(_HDF5)] == _HDF5 for at in _STARTS)
+
+
+def _hdf5(path: str, most: int) -> Iterator[tuple[str, Array]]:
+    """Data sets of an HDF5 file; groups of the same data sets beside each other are runs.
+
+    Links to other places are not followed.  MATLAB writes its arrays transposed, structs as groups.
+    """
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        matlab = any("MATLAB_class" in x.attrs for x in _children(file).values())
+        top: Any = file
+        within = _children(top)
+        while len(within) == 1 and isinstance(only := next(iter(within.values())), h5py.Group):
+            top, within = only, _children(only)
+        room = [most]
+        groups = {n: x for n, x in within.items() if isinstance(x, h5py.Group)}
+        alike = len({frozenset(_children(x)) for x in groups.values()}) == 1
+        runs = groups if len(groups) > 1 and (alike or matlab) else {}
+        for name, group in runs.items():
+            found = dict(_datasets(group, "", matlab, room, DEEPEST))
+            record = np.empty(1, np.dtype([(n, object) for n in found]))
+            record[0] = tuple(found.values())
+            yield name, record
+        for name, x in within.items():
+            if name not in runs:
+                yield from _datasets({name: x}, "", matlab, room, DEEPEST)
+
+
+def _children(group: Any) -> dict[str, Any]:
+    """What a group holds itself; none that a link to another place or file names."""
+    import h5py
+
+    if isinstance(group, dict):
+        return group
+    own = [n for n in group if isinstance(group.get(n, getlink=True), h5py.HardLink)]
+    return {n: group[n] for n in own if not n.startswith("#")}  # MATLAB's cells and its own
+
+
+def _datasets(
+    group: Any, path: str, matlab: bool, room: list[int], deeper: int
+) -> Iterator[tuple[str, Array]]:
+    """Data sets below a group by dotted path; `room` is what they may still take [byte]."""
+    import h5py
+
+    for name, x in _children(group).items():
+        if isinstance(x, h5py.Group):
+            if deeper:
+                yield from _datasets(x, f"{path}{name}.", matlab, room, deeper - 1)
+        elif isinstance(x, h5py.Dataset) and x.shape is not None:
+            text = matlab and x.attrs.get("MATLAB_class", b"double") in (b"char", b"cell")
+            if x.dtype.kind not in _NUMBERS + "V" or text:
+                yield path + name, np.broadcast_to(np.zeros((), object), x.shape)
+                continue
+            room[0] -= int(x.size) * x.dtype.itemsize
+            if room[0] < 0:
+                raise MemoryError
+            value = np.asarray(x[()])
+            yield path + name, value.T if matlab else value
+
+
 def _bag(path: str, most: int) -> Iterator[tuple[str, str | None, Array]]:
     """Messages of a ROS bag."""
     return bag_messages.messages(path, most)
@@ -453,8 +528,11 @@ def _bag(path: str, most: int) -> Iterator[tuple[str, str | None, Array]]:
 def _reader(path: str) -> tuple[str, str, str]:
     """Name of the reader, what the file is called, and what it needs; a folder is a bag."""
     ending = os.path.splitext(path)[1].lower()
-    bag = os.path.isdir(path) or ending in _BAGS
-    return ("_bag", "a ROS bag", "rosbags") if bag else _READERS[ending]
+    if os.path.isdir(path) or ending in _BAGS:
+        return ("_bag", "a ROS bag", "rosbags")
+    if ending == ".mat" and _is_hdf5(path):
+        return ("_hdf5", "a MAT (version 7.3)", "h5py")
+    return _READERS[ending]
 
 
 def _answer(path: str, limited: bool = True) -> dict[str, Any]:
@@ -490,8 +568,6 @@ def _answer(path: str, limited: bool = True) -> dict[str, Any]:
         return {"error": str(error)}
     except MemoryError:
         return {"error": f"claims more memory than a file of its size may ({most >> 20} MiB)"}
-    except NotImplementedError:
-        return {"error": "is a MAT file of version 7.3; save it with save(..., '-v7')"}
     except Exception as error:  # the readers raise many kinds on a damaged file
         what = (
             "is not a ROS bag that rosbags reads" if bag else f"is not {kind} file of plain arrays"

@@ -477,8 +477,8 @@ def open_table(
     Parameters
     ----------
     path : str or Path
-        Text of any ending (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, Parquet,
-        Feather or XLSX file, or the folder of a LeRobot data set.
+        Text of any ending (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, HDF5,
+        Parquet, Feather or XLSX file, or the folder of a LeRobot data set.
     array : str
         The 2-D array (n, k), structured array or struct of a binary file that holds the columns.
     columns : sequence of str

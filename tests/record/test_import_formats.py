@@ -7,6 +7,7 @@ import tomllib
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
+import h5py
 import numpy as np
 import openpyxl
 import pandas as pd
@@ -47,6 +48,26 @@ def npy(frame, path):
     return parse_map({"table": {"columns": list(frame.columns)}})
 
 
+def hdf5(frame, path):
+    with h5py.File(path, "w") as file:
+        for name in frame.columns:
+            file.create_dataset(f"log/{name}", data=frame[name], compression="gzip")
+
+
+def matlab(path, structs):
+    """A file as MATLAB writes it with '-v7.3': 512 bytes of its own, all arrays transposed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, fields in structs.items():
+            group = file.create_group(name)
+            group.attrs["MATLAB_class"] = np.bytes_(b"struct")
+            for field, value in fields.items():
+                data = group.create_dataset(field, data=np.atleast_2d(value).T)
+                data.attrs["MATLAB_class"] = np.bytes_(b"double")
+        file.create_group("#refs#").create_dataset("a", data=np.zeros(3))
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512, b" "))
+
+
 T_S = np.arange(500) * 0.004
 FORMATS = {
     ".parquet": lambda f, p: f.to_parquet(p),
@@ -54,6 +75,8 @@ FORMATS = {
     ".feather": lambda f, p: feather.write_feather(pa.Table.from_pandas(f), p),
     ".xlsx": lambda f, p: f.to_excel(p, index=False),
     ".npy": npy,
+    ".h5": hdf5,
+    ".hdf5": hdf5,
     ".csv": lambda f, p: f.to_csv(p, index=False, encoding="utf-16"),
     ".txt": lambda f, p: f.to_csv(p, index=False, sep=" "),
 }
@@ -79,7 +102,7 @@ def test_a_compressed_feather_needs_no_more_memory_than_it_may(tmp_path, run, co
     np.testing.assert_allclose(found.q, every[["q1", "q2"]], rtol=1e-14)
 
 
-@pytest.mark.parametrize("ending", [".parquet", ".feather", ".xlsx", ".npy"])
+@pytest.mark.parametrize("ending", [".parquet", ".feather", ".xlsx", ".npy", ".h5"])
 def test_a_damaged_file_is_a_sentence(tmp_path, ending):
     path = tmp_path / f"run{ending}"
     path.write_bytes(b"PAR1 nothing of this kind")
@@ -398,6 +421,62 @@ def as_text(tmp_path, header, rows):
     return table
 
 
+def _demos(frame, path):
+    """Two runs, as data sets of demonstrations keep them: positions and efforts of all joints."""
+    with h5py.File(path, "w") as file:
+        for k in (0, 1):
+            demo = file.create_group(f"data/demo_{k}")
+            demo["t"] = frame["t"].to_numpy()
+            demo["obs/q"] = frame[["q1", "q2"]].to_numpy() + k
+            demo["obs/tau"] = frame[["tau1", "tau2"]].to_numpy()
+            demo["note"] = "as spoken"
+    return {"t": "t", "q": "obs.q", "tau": "obs.tau"}
+
+
+def _structs(frame, path):
+    one = {"time": frame["t"].to_numpy(), "pos": frame[["q1", "q2"]].to_numpy()}
+    one["torque"] = frame[["tau1", "tau2"]].to_numpy()
+    matlab(path, {"demo_0": one, "demo_1": one | {"pos": one["pos"] + 1}})
+    return {"t": "time", "q": "pos", "tau": "torque"}
+
+
+@pytest.mark.parametrize(("ending", "write"), [(".hdf5", _demos), (".mat", _structs)])
+def test_groups_of_the_same_arrays_are_runs(tmp_path, frame, ending, write):
+    names = write(frame, tmp_path / f"demos{ending}")
+    table = {"t": names["t"]} | {f"{n}{k}": f"{names[n]}{k}" for n in ("q", "tau") for k in (1, 2)}
+    given = parse_map({"columns": table})
+    with pytest.raises(DataError, match="holds 2 runs; choose one with --run: demo_0, demo_1"):
+        import_table(tmp_path / f"demos{ending}", given)
+    for k in (0, 1):
+        made = import_table(tmp_path / f"demos{ending}", given, run=f"demo_{k}").recordings[0]
+        np.testing.assert_allclose(made.q, frame[["q1", "q2"]] + k, rtol=1e-14)
+        np.testing.assert_allclose(made.tau, frame[["tau1", "tau2"]], rtol=1e-14)
+
+
+def test_one_struct_of_a_new_mat_file_is_the_table(tmp_path, frame):
+    matlab(tmp_path / "run.mat", {"log": {n: frame[n].to_numpy() for n in frame.columns}})
+    found = import_table(tmp_path / "run.mat").recordings[0]
+    np.testing.assert_allclose(found.q, frame[["q1", "q2"]], rtol=1e-14)
+
+
+def test_groups_of_other_arrays_are_parts_of_one_table(tmp_path, frame):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["clock/t"], file["robot/q"] = frame["t"].to_numpy(), frame[["q1", "q2"]].to_numpy()
+        file["robot/tau"] = frame[["tau1", "tau2"]].to_numpy()
+        file["away"] = h5py.ExternalLink("other.h5", "/q")  # never followed
+        file["again"] = h5py.SoftLink("/robot")
+    names = {"t": "clock.t"} | {f"{n}{k}": f"robot.{n}{k}" for n in ("q", "tau") for k in (1, 2)}
+    found = import_table(tmp_path / "run.h5", parse_map({"columns": names})).recordings[0]
+    np.testing.assert_allclose(found.q, frame[["q1", "q2"]], rtol=1e-14)
+
+
+def test_what_an_hdf5_file_claims_has_a_bound(tmp_path):
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file.create_dataset("q1", shape=(2**32,), dtype="f8", chunks=(2**16,))  # all zeros
+    with pytest.raises(DataError, match="claims more memory"):
+        import_table(tmp_path / "run.h5")
+
+
 def test_a_second_header_row_with_units_is_used(tmp_path, capsys):
     t = np.arange(0, 6, 0.002)
     rows = [f"{x:.3f},{50 * np.sin(2 * x):.5f},{np.cos(x):.5f}" for x in t]
@@ -588,9 +667,9 @@ def test_text_is_a_table_whatever_its_ending(run, tmp_path, ending):
 
 
 def test_what_is_no_text_is_refused_as_such(tmp_path):
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0")
-    with pytest.raises(DataError, match=r"format '.h5'; expected text of any ending"):
-        import_table(tmp_path / "a.h5")
+    (tmp_path / "a.rec").write_bytes(b"\x89REC\r\n\x1a\n\0\0\0")
+    with pytest.raises(DataError, match=r"format '.rec'; expected text of any ending"):
+        import_table(tmp_path / "a.rec")
 
 
 def test_a_sheet_may_have_titles_and_units_around_its_names(tmp_path, frame):
