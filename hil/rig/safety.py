@@ -75,6 +75,8 @@ TABLE: tuple[Condition, ...] = (
     Condition("motor-refused", _R.FAULT, "the motor driver refused a command"),
     Condition("watchdog-lost", _R.FAULT, "the watchdog does not answer"),
     Condition("power-cut", _R.FAULT, "the watchdog cut the power"),
+    Condition("effort-exceeded", _R.FAULT, "a motor driver sent more than the torque limit"),
+    Condition("law-invalid", _R.FAULT, "a state of the law was not a number"),
 )
 BITS: dict[str, int] = {c.name: 1 << k for k, c in enumerate(TABLE)}
 
@@ -198,12 +200,20 @@ POSITION_GRID, VELOCITY_GRID, FORCE_GRID, TORQUE_GRID = 2.0**-21, 2.0**-12, 2.0*
 EFFORT_GRID = 2.0**-24
 #: What a count or two may do to a difference of positions [rad].
 FLOOR = 5e-4
+#: How much further out a joint [rad or m], a fold and the tip [m] may get after a `resume` outside
+#: of the range.  Half: an arm that sags as its motors take over stops again; double: it gets
+#: further.
+FURTHER, TIP_FURTHER = 0.01, 0.005
+#: Multiple of its torque limit that a driver may send: its last code is rounded.  Nearer to 1: a
+#: coarse converter at a small limit faults; double: a gain of the wrong size goes on.
+EXCESS = 1.25
 #: A lamp goes back below this share of its threshold.
 HYSTERESIS = 0.9
 #: memory: hottest winding [degC] to a hundredth, stale joint and force readings, readings so far,
-#: lamp; then a row a joint: last position, last step, time stood still, heat of its motor (2).
-HOTTEST, _STALE_JS, _STALE_CF, _SEEN, _LAMP, _JOINTS = range(6)
-_Q, _STEP, _STILL, _HEAT, _KEPT = 0, 1, 2, 3, 5
+#: lamp, whether a joint is outside that may not be; then a row a joint: last position, last step,
+#: time stood still, heat of its motor (2), how far it may be outside; then the same of each fold.
+HOTTEST, _STALE_JS, _STALE_CF, _SEEN, _LAMP, ACUTE, _JOINTS = range(7)
+_Q, _STEP, _STILL, _HEAT, _MAY, _KEPT = 0, 1, 2, 3, 5, 6
 #: limits: acceleration, force yellow and red, stale readings, stuck time, winding yellow and red,
 #: thermal constants (6), joints; then a row a joint: low, high, speed, torque, effort per ampere;
 #: then number of folds and four numbers a fold.
@@ -219,9 +229,10 @@ _LOST = (BITS["joint-lost"], BITS["force-lost"])
 _CLAMPED, _STALE, _INVALID = int(Status.CLAMPED), int(Status.STALE), int(Status.INVALID)
 
 
-def memory(d: int) -> FloatArray:
-    """Empty memory of an arm of d joints."""
-    return np.zeros(_JOINTS + _KEPT * d)
+def memory(lim: FloatArray) -> FloatArray:
+    """Empty memory of an arm with these `limits`."""
+    d = int(lim[_D])
+    return np.zeros(_JOINTS + _KEPT * d + int(lim[_ROWS + _BOUNDS * d]))
 
 
 def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: float) -> FloatArray:
@@ -303,13 +314,66 @@ def sensors(js: int, cf: int, memory: Any, lim: Any) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
+def excess(x: float, low: float, high: float) -> float:
+    """How far `x` is outside of a range; 0 within, infinite for what is no number."""
+    if low <= x <= high:
+        return 0.0
+    return max(low - x, x - high) if isfinite(x) else np.inf
+
+
+@nb.njit(cache=True, nogil=True)
+def further(out: float, may: Any, at: int, room: float) -> bool:
+    """Whether what is `out` of its range may not be: it left it, or got further than it may.
+
+    Parameters
+    ----------
+    out : float
+        Of `excess`.
+    may : ndarray
+        At `at` how far it may be out; becomes 0 where it is back within.
+    room : float
+        What it may get further.
+    """
+    if out == 0.0:
+        may[at] = 0.0
+        return False
+    return not (may[at] > 0.0 and out <= may[at] + room)
+
+
+@nb.njit(cache=True, nogil=True)
+def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
+    """Joints and folds that are out of their ranges; whether one may not be goes into `memory`.
+
+    With `allow` those that are out may be as far out as they are, by a command of the operator.
+    """
+    mask, acute = 0, 0.0
+    for i in range(q.size):
+        row, at = _ROWS + _BOUNDS * i, _JOINTS + _KEPT * i + _MAY
+        out = excess(q[i], lim[row + _LOW], lim[row + _HIGH])
+        if allow:
+            memory[at] = out
+        if further(out, memory, at, FURTHER):
+            acute = 1.0
+        mask |= _RANGE if out > 0.0 else 0
+    folds = _ROWS + _BOUNDS * q.size
+    for k in range(int(lim[folds])):
+        n, at = folds + 1 + 4 * k, _JOINTS + _KEPT * q.size + k
+        out = excess(q[int(lim[n])] - q[int(lim[n + 1])], lim[n + 2], lim[n + 3])
+        if allow:
+            memory[at] = out
+        if further(out, memory, at, FURTHER):
+            acute = 1.0
+        mask |= _RANGE if out > 0.0 else 0
+    memory[ACUTE] = acute
+    return mask
+
+
+@nb.njit(cache=True, nogil=True)
 def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> int:
     """Range, speed and steps of the joints."""
-    mask = 0
+    mask = ranges(q, memory, lim, False)
     for i in range(q.size):
         own, row = _JOINTS + _KEPT * i, _ROWS + _BOUNDS * i
-        if not lim[row + _LOW] <= q[i] <= lim[row + _HIGH]:
-            mask |= _RANGE
         if fabs(qd[i]) > lim[row + _SPEED]:
             mask |= _FAST
         step = q[i] - memory[own + _Q]
@@ -321,12 +385,6 @@ def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> in
             if single and memory[_SEEN] >= 4.0 and fabs(step - memory[own + _STEP]) > bend:
                 mask |= _JUMP
         memory[own + _STEP], memory[own + _Q] = step, q[i]
-    folds = _ROWS + _BOUNDS * q.size
-    for k in range(int(lim[folds])):
-        n = folds + 1 + 4 * k
-        fold = q[int(lim[n])] - q[int(lim[n + 1])]
-        if not lim[n + 2] <= fold <= lim[n + 3]:
-            mask |= _RANGE
     return mask
 
 
@@ -338,8 +396,10 @@ def driven(sent: Any, dt: float, memory: Any, lim: Any) -> int:
         own, row = _JOINTS + _KEPT * i, _ROWS + _BOUNDS * i
         heat = memory[own + _HEAT : own + _HEAT + 2]
         constants = lim[_C : _C + 6]
-        hottest = max(hottest, warm(sent[i] / lim[row + _AMP], dt, constants, heat))
-        pushed = fabs(sent[i]) > 0.5 * lim[row + _TORQUE]
+        # of what is no number the worst is assumed
+        effort = sent[i] if isfinite(sent[i]) else lim[row + _TORQUE]
+        hottest = max(hottest, warm(effort / lim[row + _AMP], dt, constants, heat))
+        pushed = fabs(effort) > 0.5 * lim[row + _TORQUE]
         still = fabs(memory[own + _STEP]) < 1e-6
         memory[own + _STILL] = memory[own + _STILL] + dt if pushed and still else 0.0
         if lim[_STUCK] > 0.0 and memory[own + _STILL] > lim[_STUCK]:
@@ -398,11 +458,11 @@ def examine(
     good = snap(q, POSITION_GRID) and snap(qd, VELOCITY_GRID)
     good = snap(wrench[:3], FORCE_GRID) and snap(wrench[3:], TORQUE_GRID) and good
     if not good:
-        memory[HOTTEST] = hottest(memory, lim)
+        memory[HOTTEST], memory[ACUTE] = hottest(memory, lim), 0.0
         return mask | _NAN
     # a repeated reading is no motion, and what follows it is no single step
     if js == _STALE:
-        memory[_SEEN] = min(memory[_SEEN], 1.0)
+        memory[_SEEN], memory[ACUTE] = min(memory[_SEEN], 1.0), 0.0
     else:
         memory[_SEEN] += 1.0
         mask |= moved(q, qd, dt, single, memory, lim)
@@ -434,9 +494,36 @@ def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def outside(tip: Any, box: Any) -> bool:
-    """Whether `tip` (3,) is outside of `box` (2, 3) [m]."""
-    for i in range(3):
-        if not box[0, i] <= tip[i] <= box[1, i]:
+def exceeded(sent: Any, torque_limit: Any) -> bool:
+    """Whether a driver sent more than `EXCESS` times the limit (d,) [N m], or no number."""
+    for i in range(sent.size):
+        if not fabs(sent[i]) <= EXCESS * torque_limit[i]:
             return True
     return False
+
+
+@nb.njit(cache=True, nogil=True)
+def finite(values: Any) -> bool:
+    """Whether all are numbers."""
+    for i in range(values.size):
+        if not isfinite(values[i]):
+            return False
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def outside(tip: Any, box: Any, may: Any, allow: bool) -> int:
+    """Whether `tip` (3,) is within `box` (2, 3) [m] (0), outside but may be (1), or may not (2).
+
+    `may` (3,) is how far it may be outside; with `allow` it becomes as far as it is.
+    """
+    found = 0
+    for i in range(3):
+        out = excess(tip[i], box[0, i], box[1, i])
+        if allow:
+            may[i] = out
+        if further(out, may, i, TIP_FURTHER):
+            found = 2
+        elif out > 0.0 and found == 0:
+            found = 1
+    return found

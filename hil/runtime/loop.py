@@ -60,7 +60,13 @@ class Overload:
 
 _HELD_BACK, _INVALID = BITS["effort-limited"], BITS["effort-invalid"]
 _REFUSED, _OUT = BITS["motor-refused"], BITS["workspace"]
+_EXCEEDED, _RANGE = BITS["effort-exceeded"], BITS["position"]
 _OK = int(Status.OK)
+
+
+def _tip() -> tuple[FloatArray, FloatArray]:
+    """Place of a tip, and how far it may be outside of the workspace [m]."""
+    return np.zeros(3), np.zeros(3)
 
 
 class Arms:
@@ -85,15 +91,18 @@ class Arms:
         Worst status of the tick.
     hottest : float
         Hottest winding [degC].
+    acute : int
+        Of the conditions that last while something is outside of its range those that are new: it
+        left the range, or got further out than it may.
     """
 
     def __init__(
         self, ports: list[ArmPort], layout: FrameLayout, frame: FloatArray, period_ns: int
     ) -> None:
-        self.efforts, d = np.zeros((len(ports), layout.joints)), layout.joints
-        self.worst, self.hottest = _OK, 0.0
+        self.efforts = np.zeros((len(ports), layout.joints))
+        self.worst, self.hottest, self.acute = _OK, 0.0, 0
         self._arms = [
-            (p, *layout.arm(frame, i), self.efforts[i], safety.memory(d), np.zeros(3))
+            (p, *layout.arm(frame, i), self.efforts[i], safety.memory(p.limits), _tip())
             for i, p in enumerate(ports)
         ]
         self._period_ns, self._steps = period_ns, 1
@@ -101,8 +110,15 @@ class Arms:
     def forget(self) -> None:
         """No effort, and no memory of what was measured."""
         self.efforts[:] = 0.0
-        for *_, memory, _tip in self._arms:
-            memory[:] = 0.0
+        for *_, memory, (_, may) in self._arms:
+            memory[:] = may[:] = 0.0
+
+    def allow(self) -> None:
+        """What is outside of its range may be as far outside as it is: it may be driven back in."""
+        for port, q, _qd, _wrench, _sent, _words, _y, memory, (tip, may) in self._arms:
+            safety.ranges(q, memory, port.limits, True)
+            if port.tip is not None:
+                safety.outside(tip, port.box, may, True)
 
     def read(self, t_ns: int, steps: int) -> int:
         """Measured joint states and forces of all arms; the conditions that they show.
@@ -114,22 +130,25 @@ class Arms:
         steps : int
             Periods since the last tick.
         """
-        mask, worst, hot = 0, _OK, 0.0
+        mask, worst, hot, acute = 0, _OK, 0.0, 0
         single = steps == 1 and self._steps == 1
         dt, self._steps = steps * self._period_ns * 1e-9, steps
-        for port, q, qd, wrench, sent, _words, _y, memory, tip in self._arms:
+        for port, q, qd, wrench, sent, _words, _y, memory, (tip, may) in self._arms:
             js = int(port.joints.measured_js(t_ns, q, qd))
             force = port.force
             cf = _OK if force is None else int(force.measured_cf(t_ns, q, wrench))
             mask |= safety.examine(dt, single, js, cf, q, qd, wrench, sent, memory, port.limits)
+            if memory.item(safety.ACUTE):
+                acute |= _RANGE
             if port.tip is not None:
                 port.tip(q, tip)
-                if safety.outside(tip, port.box):
-                    mask |= _OUT
+                out = safety.outside(tip, port.box, may, False)
+                mask |= _OUT if out else 0
+                acute |= _OUT if out > 1 else 0
             if js > worst or cf > worst:
                 worst = max(js, cf)
             hot = max(hot, memory.item(safety.HOTTEST))
-        self.worst, self.hottest = worst, hot
+        self.worst, self.hottest, self.acute = worst, hot, acute
         return mask
 
     def write(self, state: OperatingState) -> int:
@@ -147,6 +166,9 @@ class Arms:
                 mask |= _HELD_BACK
             elif said >= safety.INVALID and safe != safety.INVALID and not faulted:
                 mask |= _REFUSED
+            if safety.exceeded(sent, port.torque_limit):
+                port.efforts.fault()
+                mask |= 0 if faulted else _EXCEEDED
             if said > worst or safe > worst:
                 worst = max(said, safe)
             safety.leave(sent, port.counts, port.codes, port.gauges, words)
@@ -163,8 +185,9 @@ class Arms:
 
 
 _LIMITED, _OVERRUN = BITS["effort-limited"], BITS["overrun"]
+_UNLAWFUL = BITS["law-invalid"]
 _ENABLED, _FAULT = OperatingState.ENABLED, OperatingState.FAULT
-#: These pause when they begin; a command may go on while they last.
+#: These pause when they begin, and when they get worse; a command may go on while they last.
 _LASTING = BITS["position"] | BITS["workspace"]
 
 
@@ -240,6 +263,8 @@ class Loop:
         self._arms.read(self._origin_ns, 1)
         self._arms.write(self.machine.state)
         self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
+        safety.finite(self._x)
+        self._arms.allow()
         self._arms.forget()
 
     def step(self) -> None:
@@ -256,14 +281,17 @@ class Loop:
             mask |= _OVERRUN
         if self.heart is not None:
             mask |= self.heart(tick)
-        # who was outside already may be driven back in
-        acute = mask & ~(self.conditions & _LASTING)
+        # who was outside at a `resume` may be driven back in
+        acute = (mask & ~_LASTING) | self._arms.acute
         if acute & (PAUSING | FAULTING):
             self._react(acute)
         if self.machine.state is _ENABLED:
             law_s = (t_ns - self._zero_ns) * 1e-9
             self._controller.update(law_s, self._x, self._u, self._x_next, self._y)
             self._x, self._x_next = self._x_next, self._x
+            if not safety.finite(self._x):
+                mask |= _UNLAWFUL
+                self._y[:] = 0.0
         else:
             self._y[:] = 0.0
         mask |= self._arms.write(self.machine.state)
@@ -318,6 +346,7 @@ class Loop:
             self._zero_ns = max(0, self.tick - 1) * self._period_ns
         elif state is OperatingState.PAUSED:
             self.machine.command(StateCommand.RESUME)
+            self._arms.allow()
         self.reason = 0
 
     def pause(self) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from hil.rig import safety
 from hil.rig.check import limits_of_arm
 from hil.rig.config import ArmConfig, SafetyConfig, load_rig
 from hil.rig.open import ArmPort
-from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, limits, named, sentence
+from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, beyond, limits, named, sentence
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
@@ -39,7 +40,7 @@ class Arm:
         self.q, self.qd, self.wrench = MIDDLE.copy(), np.zeros(3), np.zeros(6)
         self.js = self.cf = self.jf = Status.OK
         self.codes, self.counts, self.gauges = (np.zeros(n, np.int64) for n in (3, 3, 6))
-        self.faults = 0
+        self.faults, self.gain = 0, 1.0
         self.out = np.full(3, np.nan)
 
     def measured_js(self, t_ns, position, velocity):
@@ -51,7 +52,7 @@ class Arm:
         return self.cf
 
     def servo_jf(self, effort, sent):
-        sent[:] = effort
+        sent[:] = self.gain * effort
         self.out[:] = effort
         return self.jf
 
@@ -95,6 +96,7 @@ class Bench:
             tip,
             box,
         )
+        self.limits = port.limits
         self.ring = Ring(5000, FrameLayout(1, 1).width)
         self.clock = VirtualClock(DT_NS)
         self.loop = Loop(
@@ -213,6 +215,104 @@ def test_leaving_the_range_pauses_once_and_the_way_back_is_open(bench):
     assert bench.loop.machine.state is State.PAUSED and "position" in bench.names()
     bench.loop.mailbox.append(OperatorCommand("resume", lambda loop: loop.begin()))
     assert bench.run(5) is State.ENABLED and "position" in bench.names()
+
+
+RESUME = OperatorCommand("resume", lambda loop: loop.begin())
+
+
+def _outside(bench, joint, past=0.02):
+    """A joint drifts out of its range, which pauses, and the operator resumes."""
+    end = float(limits_of_arm(ArmConfig(), RobotSource(ArmConfig().robot)).high[joint])
+    for q in np.linspace(bench.arm.q[joint], end + past, 2000):
+        bench.arm.q[joint] = q
+        bench.run()
+    assert bench.loop.machine.state is State.PAUSED
+    bench.loop.mailbox.append(RESUME)
+    assert bench.run() is State.ENABLED
+    return end
+
+
+@pytest.mark.parametrize(("step", "state"), [(0.008, State.ENABLED), (0.012, State.PAUSED)])
+def test_who_was_outside_at_a_resume_gets_no_further(bench, step, state):
+    end = _outside(bench, 0)
+    for q in np.linspace(end + 0.02, end + 0.02 + step, 50):
+        bench.arm.q[0] = q
+        bench.run()
+    assert bench.loop.machine.state is state
+
+
+def test_back_within_its_range_a_joint_may_not_leave_it_again(bench):
+    end = _outside(bench, 0)
+    for q in np.linspace(end + 0.02, end - 0.01, 100):
+        bench.arm.q[0] = q
+        assert bench.run() is State.ENABLED
+    for q in np.linspace(end - 0.01, end + 0.01, 100):
+        bench.arm.q[0] = q
+        bench.run()
+    assert bench.loop.machine.state is State.PAUSED
+
+
+def test_one_joint_that_is_outside_hides_no_other(bench):
+    _outside(bench, 0)
+    for q in np.linspace(0.4, -2.2, 2000):
+        bench.arm.q[1] = q
+        bench.run()
+        if q > -0.2:
+            assert bench.loop.machine.state is State.ENABLED
+    assert bench.loop.machine.state is State.PAUSED
+    assert any("joint2" in text for text in beyond(
+        bench.loop.reason, ("joint1", "joint2", "joint3"), bench.arm.q, bench.arm.qd,
+        bench.limits))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("gain", "state"),
+    [(1.01, State.ENABLED), (50.0, State.FAULT), (-50.0, State.FAULT), (np.nan, State.FAULT)],
+)
+def test_a_driver_that_sends_more_than_the_limit_faults(bench, gain, state):
+    bench.arm.gain = gain
+    assert bench.run() is state
+    if state is State.FAULT:
+        assert bench.names() == {"effort-exceeded"} and bench.arm.faults
+        assert (bench.arm.out == 0.0).all()
+
+
+def test_no_power_goes_out_while_it_is_paused(bench):
+    bench.loop.pause()
+    bench.arm.servo_jf = lambda effort, sent: sent.fill(1.7) or Status.OK
+    assert bench.run() is State.FAULT and "effort-exceeded" in bench.names()
+
+
+def test_an_effort_that_is_no_number_heats_the_winding_as_the_limit_does():
+    arm = ArmConfig(winding=replace(ArmConfig().winding, winding_time=0.05))
+    hot, odd = Bench(effort=0.0, arm=arm), Bench(effort=0.0, arm=arm)
+    for bench, sent in ((hot, ArmConfig().torque_limit[0]), (odd, np.nan)):
+        bench.arm.servo_jf = lambda effort, out, sent=sent: out.fill(sent) or Status.OK
+        bench.run(400)
+    assert odd.loop._arms.hottest == pytest.approx(hot.loop._arms.hottest)
+    assert odd.loop._arms.hottest > 26.0
+
+
+def test_a_state_of_the_law_that_is_not_a_number_faults(bench):
+    bench.loop._controller.update = lambda t, x, u, x_next, y: (x_next.fill(np.nan), y.fill(0.1))
+    assert bench.run() is State.FAULT and bench.names() == {"law-invalid"}
+    assert (bench.arm.out == 0.0).all()
+
+
+def test_the_workspace_of_the_tip_is_watched_after_a_resume_too():
+    from hil.controllers.dynamics import premium
+
+    forward, lengths = premium()
+    box = np.array([[0.1, -0.05, -0.3], [0.4, 0.05, 0.3]])
+    bench = Bench(tip=lambda q, out: forward(q, lengths, out), box=box)
+    states = []
+    for q in np.linspace(0.0, 0.5, 1000):
+        bench.arm.q[0] = q
+        before = bench.loop.machine.state
+        if bench.run() is State.PAUSED and before is State.ENABLED:
+            states.append(q)
+            bench.loop.mailbox.append(RESUME)
+    assert len(states) > 2 and np.all(np.diff(states) > 0.015)
 
 
 def test_the_workspace_is_watched_where_the_rig_file_gives_one():
