@@ -1,10 +1,16 @@
-"""`hil export`: a model for another program, refitted within what that can express."""
+"""`hil export`: a model for another program, refitted within what that can express.
+
+Of a session it writes the samples as a table of text.
+"""
 
 from __future__ import annotations
 
 import argparse
+import csv
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from hil import outputs, progress, terminal
 from hil.commands import common
@@ -12,6 +18,8 @@ from hil.errors import ConfigError
 from hil.export import target
 from hil.export.target import Job, Made
 from hil.models import catalogue
+from hil.record.bags import is_bag
+from hil.record.mcap_read import arms
 from hil.record.sources import find, load_sources
 from hil.userfile import write_text
 
@@ -20,9 +28,13 @@ EXAMPLE = "hil export arm.toml --to mjcf -o arm.xml --data run1.mcap --holdout r
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
-    parser.add_argument("model", metavar="M.toml", help="model file")
+    parser.add_argument("model", metavar="M.toml", help="model file, or a session for --to csv")
     parser.add_argument(
-        "--to", required=True, metavar="TARGET", choices=target.names(), help=_told()
+        "--to",
+        required=True,
+        metavar="TARGET",
+        choices=[*target.names(), TABLE],
+        help=f"{_told()}; {TABLE}: the samples of a session as a table, one an arm",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="write it here")
     parser.add_argument(
@@ -50,7 +62,11 @@ def _told() -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Refit, write, and print errors before and after and what is lost."""
+    """Refit, write, and print errors before and after and what is lost; or write a table."""
+    if args.to == TABLE:
+        return _tables(args)
+    if args.model.lower().endswith(".mcap"):
+        raise ConfigError(f"--to {args.to} takes a model, and {args.model} is a session; --to csv")
     paths, others = find(s for group in args.data for s in group), find(args.holdout)
     if args.holdout and not paths:
         raise ConfigError("--holdout judges a refit, which needs --data; give the sessions to fit")
@@ -75,6 +91,47 @@ def run(args: argparse.Namespace) -> int:
         terminal.emit(as_dict(made, written))
     else:
         terminal.out(text_of(made, written))
+    return 0
+
+
+#: The target that takes a session.
+TABLE = "csv"
+
+
+def _tables(args: argparse.Namespace) -> int:
+    """Samples of a session as text, a file an arm."""
+    if args.data or args.holdout:
+        raise ConfigError(
+            "--to csv writes the samples of a session; --data and --holdout refit a model"
+        )
+    source, place = Path(args.model), Path(args.output)
+    if source.suffix.lower() == ".toml":
+        raise ConfigError(f"--to csv takes a session, and {source} is a model; give S.mcap")
+    names = [args.arm] if args.arm or is_bag(source) else list(arms(source))
+    made = {n: place if len(names) == 1 else place.with_stem(f"{place.stem}-{n}") for n in names}
+    for path in made.values():
+        outputs.check(path, f".{TABLE}", [source], _ours, "an export of hil")
+    for name, path in made.items():
+        (run,), _ = load_sources([source], [], name, common.bag_choice(args))
+        with outputs.writing(path), path.open("w", encoding="utf-8", newline="") as file:
+            file.write(f"# written by hil export: arm {run.arm} of {source.name}, SI units, ")
+            file.write(f"joints {', '.join(run.joints)}\n")
+            table = run.columns()
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(table)
+            rows.writerows(np.stack(list(table.values()), axis=1).tolist())
+    if args.json:
+        terminal.emit(
+            {
+                "schema": "hil.export/1",
+                "files": [str(path) for path in made.values()],
+                "held_out": [],
+                "lost": [],
+                "notes": [],
+            }
+        )
+    else:
+        terminal.out("\n".join(f"written: {path}" for path in made.values()))
     return 0
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.recording import PRESETS, Recording, RobotSource
+from hil.record.recording import GROUPS, PRESETS, WRENCH, Recording, RobotSource
 
 if TYPE_CHECKING:  # the reader of tables, only where arrays come as such
     from hil.record.mapfile import TableMap
@@ -155,8 +155,6 @@ def _array_columns(
     t: Any, groups: Mapping[str, Any], wrench: ArrayLike | None
 ) -> dict[str, FloatArray]:
     """Columns by name of arrays, after checking that their shapes belong together."""
-    from hil.record.locked import GROUPS, WRENCH
-
     stems = {key: stem for stem, key in GROUPS.items()}
     out = {"t": _numbers("t", t)}
     n = out["t"].size

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, families, plural, unknown
-from hil.record.recording import LOCKED, RobotSource
+from hil.record.recording import GROUPS, LOCKED, WRENCH, RobotSource
 from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
 
 if TYPE_CHECKING:
@@ -353,18 +353,6 @@ def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArra
 
 
 # ------------------------------------------------------------ the columns of the joints
-
-#: Columns of a force and of a torque at the tip.
-WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-#: Stem of a column -> field of a recording.
-GROUPS = {
-    "q": "q",
-    "tau": "tau",
-    "qd": "qd",
-    "tauext": "tau_ext",
-    "i": "current",
-    "temp": "temperature",
-}
 
 
 def count_joints(

@@ -72,6 +72,16 @@ UNIT_SAID = "unit_said"
 UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"
 #: Metadata record of a session: the tags that it was given.
 TAGS = "tags"
+#: Columns of a table: of a force and of a torque at the tip; and stem of the others -> field here.
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+GROUPS = {
+    "q": "q",
+    "tau": "tau",
+    "qd": "qd",
+    "tauext": "tau_ext",
+    "i": "current",
+    "temp": "temperature",
+}
 #: Measured channels, a column a joint or component.
 COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
@@ -180,6 +190,25 @@ class Recording(Shown):
         stated = {*self.metadata.get(STATED, "").split(), *(str(k + 1) for k in columns)}
         more = {UNWRAPPED: "; ".join(said), STATED: " ".join(sorted(stated, key=int))}
         return replace(self, q=q, metadata={**self.metadata, **more})
+
+    def columns(self) -> dict[str, FloatArray]:
+        """The samples as columns (n,) by the names that an import knows.
+
+        ``pandas.DataFrame(run.columns())`` makes a frame, and `hil.from_arrays` a recording of it.
+
+        Returns
+        -------
+        dict
+            ``t`` [s], ``q1``.. [rad or m], ``tau1``.. [N m or N], where there are any ``qd1``..,
+            ``tauext1``.., ``i1``.. [A], ``temp1``.. [degC], and ``fx`` to ``tz`` [N, N m] ON the
+            robot at the tip, in the base frame.
+        """
+        names = {key: [f"{stem}{k + 1}" for k in range(self.d)] for stem, key in GROUPS.items()}
+        out = {"t": self.t}
+        for key, called in {**names, "wrench": list(WRENCH)}.items():
+            if (value := getattr(self, key)) is not None:
+                out |= {n: value[:, k] for k, n in enumerate(called)}
+        return out
 
     def slice(self, start: int, stop: int) -> Recording:
         """Samples start..stop as a recording of their own."""

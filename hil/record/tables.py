@@ -26,8 +26,6 @@ from hil.record.column_checks import (
     whole_rows,
 )
 from hil.record.locked import (
-    GROUPS,
-    WRENCH,
     ColumnsRobot,
     columns_robot,
     count_joints,
@@ -37,7 +35,7 @@ from hil.record.locked import (
     in_base_axes,
 )
 from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target, refuse_constants, time_unit
-from hil.record.recording import Recording, RobotSource
+from hil.record.recording import GROUPS, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.urdf_joints import UrdfJoint

@@ -20,7 +20,6 @@ from hil.diagnosis.verbs import Added, Comparison
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, Value, in_words, without_error
-from hil.record.locked import GROUPS, WRENCH
 from hil.record.recording import COLUMNS, Recording
 from hil.report import elements
 from hil.report import text as sentences
@@ -227,13 +226,7 @@ def frame(shown: Any) -> Any:
 @frame.register
 def _(shown: Recording) -> Any:
     """Samples, with the columns that `hil.from_arrays` and `hil import` know."""
-    out = {"t": shown.t}
-    for stem, key in GROUPS.items():
-        if (x := getattr(shown, key)) is not None:
-            out |= {f"{stem}{k + 1}": x[:, k] for k in range(x.shape[1])}
-    if shown.wrench is not None:
-        out |= dict(zip(WRENCH, shown.wrench.T, strict=False))
-    return _pandas().DataFrame(out)
+    return _pandas().DataFrame(shown.columns())
 
 
 def _pandas() -> Any:

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
+import plants
 import pytest
 
 from hil.cli import main
@@ -13,7 +14,9 @@ from hil.export import target
 from hil.models.files import write_model
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.record.export import write_recordings
+from hil.record.mcap_read import load
 from hil.record.recording import RobotSource
+from hil.record.tables import import_table
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +195,39 @@ def test_without_data_axes_whose_inertia_is_a_mass_slide(tmp_path, capsys, unit,
     joint = ET.parse(tmp_path / "said.urdf").find("joint[@name='slide']")
     assert joint.attrib["type"] == kind
     assert friction_of(tmp_path / "said.urdf", "slide") == pytest.approx((3.0, 4.0), rel=1e-6)
+
+
+def test_the_samples_of_a_session_are_a_table_that_an_import_reads(tmp_path, capsys):
+    leader = plants.joints(d=2)
+    follower = replace(leader, arm="follower", q=leader.q + 1.0)
+    leader = replace(leader, arm="leader", wrench=np.full((leader.n, 6), 0.5))
+    session = tmp_path / "s.mcap"
+    write_recordings(session, [leader, follower])
+    assert main(["export", str(session), "--to", "csv", "-o", str(tmp_path / "run.csv")]) == 0
+    said = capsys.readouterr().out
+    for one in (leader, follower):
+        table = tmp_path / f"run-{one.arm}.csv"
+        assert str(table) in said
+        back, kept = import_table(table).recordings[0], load(session, one.arm)
+        for key in ("t", "q", "tau"):
+            np.testing.assert_allclose(getattr(back, key), getattr(kept, key), rtol=1e-14)
+    words = ["export", str(session), "--to", "csv", "--arm", "leader", "--json"]
+    assert main([*words, "-o", str(tmp_path / "run-leader.csv")]) == 0  # its own file
+    assert json.loads(capsys.readouterr().out)["files"] == [str(tmp_path / "run-leader.csv")]
+    found = import_table(tmp_path / "run-leader.csv").recordings[0]
+    np.testing.assert_allclose(found.wrench, 0.5, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["arm.toml", "--to", "csv"], "takes a session"),
+        (["run1.mcap", "--to", "urdf"], "takes a model, and"),
+        (["run1.mcap", "--to", "csv", "--data", "run2.mcap"], "refit a model"),
+        (["run1.mcap", "--to", "csv", "--arm", "nobody"], "unknown arm 'nobody'"),
+    ],
+)
+def test_a_session_and_a_model_are_not_mistaken(folder, words, said, capsys):
+    given = [str(folder / w) if "." in w else w for w in words]
+    assert main(["export", *given, "-o", str(folder / "x.csv")]) == 2
+    assert said in capsys.readouterr().err
