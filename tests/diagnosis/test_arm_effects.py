@@ -79,7 +79,7 @@ def test_the_angle_of_a_base_is_said_in_degrees():
     assert said == "tilted by 5 degrees"
 
 
-@pytest.mark.parametrize("d", [3, 6])
+@pytest.mark.parametrize("d", [3, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_hand_at_the_tip_is_named_with_its_stiffness_and_damping(d):
     runs = [plants.serial_arm(d, seed, hand=True) for seed in (1, 2)]
     found = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
