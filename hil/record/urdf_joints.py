@@ -48,7 +48,8 @@ class UrdfJoint:
     unit : str
         ``"rad"`` or ``"m"``.
     lower, upper : float
-        Position limits in `unit`; infinite where the URDF has none.
+        Position limits in `unit`; infinite where the URDF has none, or both 0, as exporters write
+        where nobody filled them in.
     velocity, effort : float
         Largest speed [unit/s] and effort [N m or N]; infinite where the URDF has none, or none
         above 0, as exporters write where nobody filled them in.
@@ -136,7 +137,8 @@ def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
     Raises
     ------
     DataError
-        If it is no URDF, is larger than any robot, has a loop, or a number that no body has.
+        If it is no URDF, is larger than any robot, has a loop, a number that no body has, or a
+        joint that its limits leave no way to move.
     """
     if len(text) > LARGEST or "<!DOCTYPE" in text:
         raise DataError(
@@ -155,6 +157,7 @@ def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
             if element.tag not in ("visual", "collision"):
                 _refuse_numbers(owner, element, where)
     _refuse_loops(root, where)
+    _refuse_ranges(root, where)
     gravity_of(root, where)
     return root
 
@@ -216,6 +219,22 @@ def _refuse_loops(root: ET.Element, where: str) -> None:
         known.update(path)
 
 
+def _refuse_ranges(root: ET.Element, where: str) -> None:
+    """Refuse moving joints whose limits leave no way; both 0 is a range that nobody stated."""
+    for joint in root.findall("joint"):
+        if joint.get("type") not in ("revolute", "prismatic") or joint.find("mimic") is not None:
+            continue
+        lower, upper = (_limit(joint, key, where) for key in ("lower", "upper"))
+        if lower < upper or lower == upper == 0:
+            continue
+        raise DataError(
+            f"{where}: joint {joint.get('name')!r}: its limits, lower = {lower:g} and upper = "
+            f"{upper:g}, leave it no range; expected lower below upper (one that is not stated "
+            "counts as 0, both 0 as no limits). Give its range, or the type fixed if it does not "
+            "move"
+        )
+
+
 def _link(joint: ET.Element, tag: str, where: str) -> str:
     element = joint.find(tag)
     name = element.get("link", "") if element is not None else ""
@@ -228,7 +247,7 @@ def _range(joint: ET.Element, kind: str, where: str) -> tuple[float, float]:
     if kind == "continuous":
         return -math.inf, math.inf
     lower, upper = (_limit(joint, key, where) for key in ("lower", "upper"))
-    return (lower, upper) if lower < upper else (-math.inf, math.inf)
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)  # both 0
 
 
 def _most(joint: ET.Element, key: str, where: str) -> float:

@@ -598,6 +598,32 @@ def test_a_long_chain_of_fixed_links_is_no_matter():
     assert UrdfRobot(text).joints == ("j",)
 
 
+@pytest.mark.parametrize(
+    ("kind", "limits", "kept"),
+    [
+        ("revolute", 'lower="0" upper="0"', True),  # as exporters write where nobody filled it in
+        ("revolute", 'velocity="1"', True),
+        ("prismatic", 'lower="-0.1"', True),
+        ("continuous", 'lower="2" upper="-1"', True),  # turns on, whatever stands there
+        ("revolute", 'lower="2" upper="-1"', False),
+        ("prismatic", 'lower="0.3" upper="0.3"', False),
+        ("revolute", 'lower="1"', False),
+    ],
+)
+def test_a_joint_that_its_limits_leave_no_range_is_refused_by_its_name(kind, limits, kept):
+    text = chain(1, "fixed").replace("</robot>", "")
+    text += (
+        f'<link name="x"/><joint name="elbow" type="{kind}"><parent link="l1"/><child link="x"/>'
+        f"<limit {limits}/></joint></robot>"
+    )
+    if kept:
+        assert [j.name for j in urdf_joints(text)] == ["elbow"]
+        return
+    for read, error in ((urdf_joints, DataError), (UrdfRobot, ConfigError)):
+        with pytest.raises(error, match=r"joint 'elbow'.* expected lower below upper"):
+            read(text)
+
+
 HOSTILE = {
     "words": "a,b,c\n" * 50_000,
     "commas": ("," * 1000 + "\n") * 300,
