@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,20 @@ from hil import outputs, progress, terminal
 from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
-from hil.excite.choose import NOISE, SIZE, Choice, decide, menu, question, survey
+from hil.excite.choose import (
+    LONGEST,
+    NOISE,
+    SIZE,
+    Choice,
+    Option,
+    decide,
+    menu,
+    question,
+    survey,
+)
 from hil.excite.question import (
     BAND,
+    Foreseen,
     Question,
     Rival,
     Space,
@@ -41,6 +52,8 @@ from hil.excite.question import (
     explore,
     foreseen,
     nominal,
+    playable,
+    refusal,
     stage_of,
 )
 from hil.excite.trajectory import (
@@ -65,6 +78,7 @@ from hil.models.robots import Robot, bare_robot
 from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
 from hil.record.sources import load_source
+from hil.record.urdf_joints import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
 from hil.userfile import read_text
@@ -105,11 +119,24 @@ class FourierDesign:
 
 @dataclass(frozen=True)
 class Identifying:
-    """An identifying motion, and a naive one to compare with."""
+    """An identifying motion, and a naive one to compare with.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    condition, naive : float
+        Condition numbers of its columns scaled to unit norm, and of one sine a joint.
+    with_offset : float
+        Condition number with a constant torque a joint besides, as the base model of a fit has it.
+    columns : int
+        How many columns there are, without those.
+    """
 
     motion: Trajectory
     condition: float
     naive: float
+    with_offset: float
     columns: int
 
 
@@ -128,7 +155,9 @@ def optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
     motion = shaped(best, stage.space, "identify")
     x = regressor(motion, design)
     naive = regressor(_naive(stage.space), design)
-    return Identifying(motion, _condition(x), _condition(naive), x.shape[1])
+    d = stage.space.center.size
+    whole = np.hstack([x, np.tile(np.eye(d), (len(x) // d, 1))])
+    return Identifying(motion, _condition(x), _condition(naive), _condition(whole), x.shape[1])
 
 
 def _refined(c: FloatArray, design: FourierDesign, budget: int) -> FloatArray:
@@ -300,6 +329,7 @@ def _urdf(path: str) -> tuple[RobotSource, Limits]:
         text = read_text(path)
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {error}") from error
+    urdf_joints(text, path)
     source = RobotSource("", text)
     limits = of_robot(source)
     if limits is None:
@@ -320,7 +350,11 @@ def _rig(
 
 
 def as_dict(
-    args: argparse.Namespace, motion: Trajectory, margins: list[Margin], rows: Played | None
+    args: argparse.Namespace,
+    motion: Trajectory,
+    margins: list[Margin],
+    rows: Played | None,
+    space: Space,
 ) -> dict[str, Any]:
     """`hil excite --json`; `table` is what --csv wrote."""
     limits = [
@@ -335,6 +369,7 @@ def as_dict(
         "period_s": motion.period,
         "asked_s": _seconds(args),
         "margins": limits,
+        "assumed_limits": [asdict(a) for a in trajectory.assumed(space.limits, space.robot)],
         "table": None if rows is None else _table(args, rows),
     }
 
@@ -402,8 +437,8 @@ def _shape(rival: Rival, units: tuple[str, ...]) -> str:
     return f"{effect.name} with {', '.join(values)}" if values else ""
 
 
-def limits(margins: list[Margin]) -> str:
-    """Distance to each limit."""
+def limits(margins: list[Margin], space: Space) -> str:
+    """Distance to each limit, and which of them nobody stated."""
     rows = []
     for m in margins:
         if m.what.startswith(("speed", "torque")):
@@ -411,7 +446,17 @@ def limits(margins: list[Margin]) -> str:
             rows.append([m.what, f"{m.used:.3g} of {m.limit:.3g} {m.unit}", share])
         else:
             rows.append([m.what, f"{m.used:.3g} {m.unit} to the limit", ""])
-    return terminal.table(["limit", "largest", "left"], rows)
+    table = terminal.table(["limit", "largest", "left"], rows)
+    said = [
+        f"{a.what} {' to '.join(f'{v:.3g}' for v in a.values)} {a.unit}"
+        for a in trajectory.assumed(space.limits, space.robot)
+    ]
+    if not said:
+        return table
+    return (
+        f"{table}\n  assumed, as the robot states none: {', '.join(said)}; write what is true into "
+        "the URDF, or into the arm of a rig file"
+    )
 
 
 def play(args: argparse.Namespace, rows: Played | None) -> str:
@@ -537,15 +582,20 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
         extra = {
             "condition": terminal.finite(found.condition),
             "condition_naive": terminal.finite(found.naive),
+            "condition_with_offset": terminal.finite(found.with_offset),
             "columns": found.columns,
         }
-        terminal.emit(as_dict(args, motion, margins, rows) | extra)
+        terminal.emit(as_dict(args, motion, margins, rows, stage.space) | extra)
         return 0
-    naive = f"{found.naive:.3g}" if math.isfinite(found.naive) else "without limit (rank lost)"
+    naive, offset = (
+        f"{x:.3g}" if math.isfinite(x) else "without limit (rank lost)"
+        for x in (found.naive, found.with_offset)
+    )
     terminal.out(
         f"{args.output}: identifies {found.columns} base and friction parameters, period "
         f"{motion.period:g} s\n  condition number {found.condition:.3g}; with one sine a joint "
-        f"{naive}\n{length(args, motion)}\n{limits(margins)}\n\n"
+        f"{naive}\n  beside a torque offset of each joint, as 'hil fit' has it, {offset}\n"
+        f"{length(args, motion)}\n{limits(margins, stage.space)}\n\n"
         f"{play(args, rows)}"
     )
     return 0
@@ -559,10 +609,13 @@ def _separate(
     joint, joints = _joint(args, stage), len(stage.space.robot.joints)
     progress.at("rate the motions", 0.0)
     asked = question(model, names, joint, stage)
-    found = decide(survey(menu(asked, stage, joint), asked, stage), asked, ())
-    best = next((o for o in found.options if o.motion.name == args.motion), found.best)
+    foreseen = menu(asked, stage, joint)
+    seen = survey(foreseen, asked, stage)
+    _refuse_beyond(args, foreseen, stage, asked)
+    found = decide(seen, asked, ())
     if found.structural:
         raise ConfigError(_inseparable(names))
+    best = _wanted(args, found)
     motion = _named(best.motion, names)
     what = f"separates {_versus(names)}: {choose.describe(best.motion.name, joints)}"
     rows = _write(args, motion, stage, what)
@@ -571,7 +624,7 @@ def _separate(
             {"motion": o.motion.name, "log_odds": o.verdict.odds, "share": o.verdict.share}
             for o in found.options
         ]
-        terminal.emit(as_dict(args, motion, best.margins, rows) | {"menu": listed})
+        terminal.emit(as_dict(args, motion, best.margins, rows, stage.space) | {"menu": listed})
         return 0
     about = choose.describe(motion.name, joints)
     terminal.out(
@@ -579,10 +632,30 @@ def _separate(
         f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units), model)}\n"
         f"{length(args, motion)}\n"
         f"{menu_table(found)}\n\n"
-        f"{limits(best.margins)}\n\n{play(args, rows)}"
+        f"{limits(best.margins, stage.space)}\n\n{play(args, rows)}"
         f"{beside(args, joints)}"
     )
     return 0
+
+
+def _refuse_beyond(
+    args: argparse.Namespace, made: list[Foreseen], stage: Stage, asked: Question
+) -> None:
+    """Refuse where the motion asked for breaks a limit at every size, or all of the menu do."""
+    mine = [x for x in made if args.motion in (None, x[0].name)]
+    if mine and not any(map(playable, mine)):
+        raise refusal(mine[0], stage, asked)
+
+
+def _wanted(args: argparse.Namespace, found: Choice) -> Option:
+    """The motion of the menu that was asked for, else the best one."""
+    options = {o.motion.name: o for o in found.options}
+    if args.motion and args.motion not in options:
+        raise ConfigError(
+            f"--motion {args.motion} would take more than {LONGEST:g} times as long as asked for, "
+            f"or needs more joints; there is {', '.join(options)}"
+        )
+    return options[args.motion] if args.motion else found.best
 
 
 def _inseparable(names: tuple[str, ...]) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
+from hil.excite.question import Foreseen as Foreseen
 from hil.excite.question import (
     Question,
     Rival,
@@ -30,6 +31,7 @@ from hil.excite.question import (
     gram,
     imitations,
     nominal,
+    playable,
     sharp,
 )
 from hil.excite.trajectory import Margin, Trajectory
@@ -420,10 +422,6 @@ class Survey:
 LONGEST = 20.0
 
 
-#: A motion made small enough for every limit, what it would record, and its margins.
-Foreseen = tuple[Trajectory, Problem, list[Margin]]
-
-
 def menu(
     question: Question, stage: Stage, joint: int | None, names: tuple[str, ...] = tuple(MENU)
 ) -> list[Foreseen]:
@@ -456,7 +454,7 @@ def menu(
 def survey(
     foreseen: list[Foreseen], question: Question, stage: Stage, known: FloatArray | None = None
 ) -> Survey:
-    """What each motion of a menu would say of a question.
+    """What each motion of a menu that keeps to the limits would say of a question.
 
     Parameters
     ----------
@@ -469,9 +467,10 @@ def survey(
     known : ndarray (p, p), optional
         Gram matrix of what is recorded already.
     """
+    kept = [made for made in foreseen if playable(made)]
     # as long as the others: information per time counts
-    grams = [gram(p, question) * (stage.seconds / motion.period) for motion, p, _ in foreseen]
-    return Survey([(motion, found) for motion, _, found in foreseen], grams, known)
+    grams = [gram(p, question) * (stage.seconds / motion.period) for motion, p, _ in kept]
+    return Survey([(motion, found) for motion, _, found in kept], grams, known)
 
 
 def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:

@@ -38,6 +38,7 @@ from hil.excite.trajectory import (
     Margin,
     Trajectory,
     allowed,
+    beyond,
     grid,
     margins,
     of_data,
@@ -47,7 +48,7 @@ from hil.excite.trajectory import (
 )
 from hil.identify import bands
 from hil.identify.bands import Rates
-from hil.identify.context import update_load
+from hil.identify.context import drives, update_load
 from hil.identify.design import Term, bind, coefficients, stack
 from hil.identify.problem import Problem
 from hil.identify.solve import prior, slices_of
@@ -455,10 +456,14 @@ class Stage:
         return problem_of(motion, self.source, self.rates, self.quantum)
 
 
-def fitted(
-    motion: Trajectory, stage: Stage, question: Question
-) -> tuple[Trajectory, Problem, list[Margin]]:
+#: A motion made small enough, what it would record, and its margins.
+Foreseen = tuple[Trajectory, Problem, list[Margin]]
+
+
+def fitted(motion: Trajectory, stage: Stage, question: Question) -> Foreseen:
     """The motion made small enough for every limit, foreseen, with its margins.
+
+    One that breaks a limit at every size comes back, too: see `playable`.
 
     Its efforts are foreseen where it keeps the other limits.  Where the largest such size breaks a
     torque limit and the smallest does not, the size between is found by bisection.  Where the
@@ -470,17 +475,17 @@ def fitted(
     for _ in range(SIZES):
         sizes.append(sizes[-1].shrunk(SMALLER, limits.center))
 
-    def foreseen_at(k: int, free: list[Margin]) -> tuple[Trajectory, Problem, list[Margin]]:
+    def foreseen_at(k: int, free: list[Margin]) -> Foreseen:
         problem = ready(stage.foresee(sizes[k]), question)
         found = free + torques(limits, robot, efforts(problem))
         # one that is too large at any size is played smaller still
-        return sizes[k + any(_beyond(m) for m in found)], problem, found
+        return sizes[k + any(beyond(m) for m in found)], problem, found
 
     def unloaded(k: int) -> list[Margin]:
         return margins(sizes[k], limits, robot)
 
     last = SIZES - 1
-    first = next((k for k in range(last) if not any(map(_beyond, unloaded(k)))), last)
+    first = next((k for k in range(last) if not any(map(beyond, unloaded(k)))), last)
     largest = foreseen_at(first, unloaded(first))
     if first == last or largest[0] is sizes[first]:
         return largest
@@ -489,13 +494,13 @@ def fitted(
         if _passes_middle(motion, stage.space):
             return smallest
         others = (foreseen_at(k, unloaded(k)) for k in range(first + 1, last))
-        return next((x for x in others if not any(map(_beyond, x[2]))), smallest)
+        return next((x for x in others if not any(map(beyond, x[2]))), smallest)
     # sizes[broken] breaks a limit, sizes[kept] keeps all
     broken, kept, out = first, last, smallest
     while kept - broken > 1:
         k = (broken + kept) // 2
         found = foreseen_at(k, unloaded(k))
-        if any(map(_beyond, found[2])):
+        if any(map(beyond, found[2])):
             broken = k
         else:
             kept, out = k, found
@@ -522,20 +527,92 @@ MIDDLE_RATE = 100.0
 def foreseen(
     motion: Trajectory, stage: Stage, model: RobotModel
 ) -> tuple[Trajectory, list[Margin]]:
-    """A motion that no question is asked of, made small enough, with its margins."""
+    """A motion that no question is asked of, made small enough, with its margins.
+
+    Raises
+    ------
+    ConfigError
+        If it breaks a limit at every size.
+    """
     problem = stage.foresee(motion)
     base, theta = nominal(model, problem, stage.space.limits)
     first = problem.motions[0]
     one = np.ones(len(motion.joints))
     asked = Question(base, theta, [], one, first.v0, first.contact, stage.space.alone)
-    out, _, found = fitted(motion, stage, asked)
-    return out, found
+    made = fitted(motion, stage, asked)
+    if not playable(made):
+        raise refusal(made, stage, asked)
+    return made[0], made[2]
 
 
-def _beyond(m: Margin) -> bool:
-    """Whether a planned motion passes a limit, or its share of speed and torque."""
-    planned = m.what.startswith(("speed", "torque"))
-    return m.used > HEADROOM * m.limit * (1 + 1e-6) if planned else m.broken
+def playable(made: Foreseen) -> bool:
+    """Whether a motion keeps to every limit, and to its share of speed and torque."""
+    return not any(map(beyond, made[2]))
+
+
+def refusal(made: Foreseen, stage: Stage, question: Question) -> ConfigError:
+    """Why a motion is not to be played, and what would help."""
+    motion, problem, found = made
+    worst = max(filter(beyond, found), key=lambda m: m.used / m.limit if m.limit else np.inf)
+    limits = stage.space.limits
+    unit, share = worst.unit, f"(a plan uses at most {100 * HEADROOM:g} %) "
+    most = f"of {worst.limit:.3g} {unit} {share}" if worst.limit else ""
+    text = (
+        f"motion {motion.name!r} does not keep to the limits of {limits.source or 'the arm'} at "
+        f"any size: {worst.what} would be {worst.used:.3g} {unit} {most}at the smallest; "
+        "nothing was written. "
+    )
+    if not worst.what.startswith("torque "):
+        return ConfigError(f"{text}Give wider limits, or another motion")
+    joint = list(stage.space.robot.joints).index(worst.what.removeprefix("torque "))
+    return ConfigError(text + _torque_help(joint, worst, problem, stage, question))
+
+
+def _torque_help(
+    joint: int, worst: Margin, problem: Problem, stage: Stage, question: Question
+) -> str:
+    """What takes the torque of a joint, and what would help."""
+    space = stage.space
+    most = HEADROOM * np.where(space.limits.torque > 0, space.limits.torque, 1e-12)
+    postures = _postures(space)
+    held = np.abs(at_rest(postures, problem, question))
+    rest, share = float(held[0, joint]), np.max(held / most, axis=1)
+    said = f"Gravity alone takes {rest:.3g} {worst.unit} of it in the middle posture"
+    more = "a larger torque limit, if the drive has it, or a model with its true values (--model)"
+    if rest <= most[joint]:
+        return f"{said}, friction and what moves the rest. What helps: {more}"
+    best = int(np.argmin(share))
+    if share[best] >= 1.0:
+        return f"{said}, and too much in every other one. What helps: a counterweight; {more}"
+    place = ", ".join(
+        f"{name} = {x:.3g}" for name, x in zip(space.robot.joints, postures[best], strict=True)
+    )
+    return (
+        f"{said} of the range. What helps: a smaller range, or a center, about another posture "
+        f"(at {place} it takes {held[best, joint]:.3g} {worst.unit}); {more}"
+    )
+
+
+#: Postures in which the weight is looked at.
+POSTURES = 1000
+
+
+def _postures(space: Space) -> FloatArray:
+    """Middle posture, and others that the limits allow, (n, d)."""
+    rng = np.random.default_rng(0)
+    low, high = space.alone.T
+    q = rng.uniform(low, high, (POSTURES, low.size))
+    inside = allowed(space.limits, space.robot, q)
+    return np.concatenate([space.center[None], q[inside]])
+
+
+def at_rest(q: FloatArray, problem: Problem, question: Question) -> FloatArray:
+    """Efforts that hold postures (n, d) still, as the question's base foresees them [N m or N]."""
+    nothing = np.zeros_like(q)
+    states = dict.fromkeys(("qd", "qdd", "tau", "tau_ext", "load", "static"), nothing)
+    motion = problem.motions[0].with_(t=np.arange(len(q), dtype=np.float64), q=q, **states)
+    terms = list(question.base)
+    return drives(problem, terms, question.theta, slices_of(problem, terms), [motion])[0]
 
 
 #: Length of a motion of the menu [s]: of a described robot, whose rigid body costs time, and else.

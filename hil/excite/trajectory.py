@@ -446,6 +446,8 @@ class Limits:
         Lowest and highest tip coordinates in the base frame [m].
     source : str
         Where they come from.
+    unstated : tuple of (str, int)
+        ``"position"`` or ``"speed"``, and the joint of which the robot does not state it.
     """
 
     low: FloatArray
@@ -456,6 +458,7 @@ class Limits:
     folds: tuple[tuple[int, int, float, float], ...] = ()
     box: FloatArray | None = None
     source: str = ""
+    unstated: tuple[tuple[str, int], ...] = ()
 
 
 #: Premium 1.5: th1 +-90, th2 -124..119, th3 -29..214, th2 - th3 -55..65 degrees (Cavusoglu et
@@ -481,6 +484,8 @@ _OMNI = Limits(
     source="PHANTOM Omni",
 )
 PRESETS = {"phantom-premium-1.5": _PREMIUM, "phantom-omni": _OMNI}
+#: Range to either side of 0 [rad or m] and speed [rad/s or m/s] of a joint whose URDF states none.
+UNSTATED_RANGE, UNSTATED_SPEED = np.pi / 2, 1.0
 
 
 def of_robot(source: RobotSource) -> Limits | None:
@@ -489,13 +494,52 @@ def of_robot(source: RobotSource) -> Limits | None:
 
 
 def _of_urdf(text: str) -> Limits:
-    """Limits of a URDF; a joint without range gets half a turn, without speed 1 rad/s."""
+    """Limits of a URDF, and what is assumed where it states none; see `Assumed`."""
     joints = urdf_joints(text)
-    low = np.array([j.lower if math.isfinite(j.lower) else -np.pi / 2 for j in joints])
-    high = np.array([j.upper if math.isfinite(j.upper) else np.pi / 2 for j in joints])
-    speed = np.array([j.velocity if math.isfinite(j.velocity) else 1.0 for j in joints])
+    low = np.array([j.lower if math.isfinite(j.lower) else -UNSTATED_RANGE for j in joints])
+    high = np.array([j.upper if math.isfinite(j.upper) else UNSTATED_RANGE for j in joints])
+    speed = np.array([j.velocity if math.isfinite(j.velocity) else UNSTATED_SPEED for j in joints])
     torque = np.array([j.effort for j in joints])
-    return Limits(low, high, speed, torque, (low + high) / 2, source="the URDF")
+    none = [not (math.isfinite(j.lower) and math.isfinite(j.upper)) for j in joints]
+    unstated = tuple(
+        (what, k)
+        for k, j in enumerate(joints)
+        for what, lacks in (("position", none[k]), ("speed", math.isinf(j.velocity)))
+        if lacks
+    )
+    return Limits(low, high, speed, torque, (low + high) / 2, source="the URDF", unstated=unstated)
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """A limit that nobody stated, and what stands for it.
+
+    Parameters
+    ----------
+    what : str
+        E.g. ``"speed joint2"``, as in `Margin`.
+    values : tuple of float
+        Lowest and highest position, or the largest speed.
+    unit : str
+        SI unit.
+    """
+
+    what: str
+    values: tuple[float, ...]
+    unit: str
+
+
+def assumed(limits: Limits, robot: Robot) -> list[Assumed]:
+    """What is assumed: limits that the robot does not state, and that no rig file has set."""
+    out = []
+    for what, j in limits.unstated:
+        name, unit = robot.joints[j], robot.units[j]
+        ends = float(limits.low[j]), float(limits.high[j])
+        if what == "position" and UNSTATED_RANGE in (-ends[0], ends[1]):
+            out.append(Assumed(f"position {name}", ends, unit))
+        if what == "speed" and limits.speed[j] == UNSTATED_SPEED:
+            out.append(Assumed(f"speed {name}", (UNSTATED_SPEED,), f"{unit}/s"))
+    return out
 
 
 def of_data(q: FloatArray, qd: FloatArray, tau: FloatArray) -> Limits:
@@ -558,6 +602,12 @@ class Margin:
         if self.what.startswith(("speed", "torque")):
             return self.used > self.limit * (1 + 1e-9)
         return self.used < -1e-9
+
+
+def beyond(m: Margin) -> bool:
+    """Whether a planned motion passes a limit, or its share of speed and torque."""
+    planned = m.what.startswith(("speed", "torque"))
+    return m.used > HEADROOM * m.limit * (1 + 1e-6) if planned else m.broken
 
 
 def margins(x: Trajectory, limits: Limits, robot: Robot) -> list[Margin]:

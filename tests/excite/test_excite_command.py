@@ -107,6 +107,89 @@ def test_a_trajectory_beyond_the_limits_moves_no_motor(tmp_path, capsys):
     assert not (tmp_path / "s.mcap").exists()
 
 
+ARM = """<robot name="one"><link name="base"/><link name="l"><inertial><origin xyz="0.1 0 0"/>
+<mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 1 0"/>
+<limit {}/></joint></robot>"""
+
+
+def planned(tmp_path, limits, *words):
+    """Exit code of `hil excite` for an arm of one joint, 1 kg at 0.1 m, and what it has written."""
+    (tmp_path / "arm.urdf").write_text(ARM.format(limits), encoding="utf-8")
+    out = ["-o", str(tmp_path / "x.toml"), "--csv", str(tmp_path / "x.csv"), "--seconds", "8"]
+    code = main(["excite", str(tmp_path / "arm.urdf"), *words, *out])
+    return code, sorted(x.name for x in tmp_path.iterdir() if x.name != "arm.urdf")
+
+
+@pytest.mark.parametrize("words", [(), ("--for", "stribeck,presliding"), ("--for", "stribeck")])
+def test_a_motion_that_no_size_brings_below_the_torque_limit_is_refused(tmp_path, capsys, words):
+    weak = 'lower="-0.5" upper="2" velocity="1.5" effort="0.5"'
+    assert planned(tmp_path, weak, *words) == (2, [])
+    said = capsys.readouterr().err
+    # 9.81 m/s^2 x 1 kg x 0.1 m x cos(0.75)
+    assert "torque j" in said and "of 0.5 N m" in said and "Gravity alone takes 0.718 N m" in said
+    assert "about another posture (at j = 1.5" in said and "larger torque limit" in said
+
+
+def test_a_posture_in_which_gravity_takes_less_helps_as_it_says(tmp_path, capsys):
+    upright = 'lower="1.2" upper="1.9" velocity="1.5" effort="0.5"'
+    code, files = planned(tmp_path, upright, "--for", "stribeck", "--json")
+    data = json.loads(capsys.readouterr().out)
+    assert code == 0 and files == ["x.csv", "x.toml"] and data["assumed_limits"] == []
+    (torque,) = (m for m in data["margins"] if m["what"] == "torque j")
+    assert torque["used"] <= 0.8 * torque["limit"]
+
+
+def test_the_condition_number_is_also_said_with_the_torque_offset(tmp_path, capsys):
+    strong = 'lower="-0.5" upper="2" velocity="1.5" effort="3"'
+    assert planned(tmp_path, strong, "--json")[0] == 0
+    data = json.loads(capsys.readouterr().out)
+    rows = np.genfromtxt(tmp_path / "x.csv", delimiter=",", names=True)
+    rows = rows[(rows["t"] >= 2.0) & (rows["t"] < 12.0)]  # one period
+    q, v, a = rows["q1"], rows["qd1"], rows["qdd1"]
+    # inertia, weight along and across, dry and viscous friction; then the offset
+    x = np.column_stack([a, np.cos(q), np.sin(q), np.sign(v), v, np.ones_like(q)])
+    x /= np.linalg.norm(x, axis=0)
+    assert data["columns"] == 5
+    assert data["condition"] == pytest.approx(np.linalg.cond(x[:, :5]), rel=0.1)
+    assert data["condition_with_offset"] == pytest.approx(np.linalg.cond(x), rel=0.1)
+
+
+def test_a_torque_limit_of_the_rig_file_is_kept_or_the_motion_refused(tmp_path, capsys):
+    rig = tmp_path / "rig.toml"
+    weak = "[arms.leader]\ntorque_limit = [0.03, 0.03, 0.03]\n"
+    rig.write_text(RIG.read_text(encoding="utf-8").replace("[arms.leader]\n", weak), "utf-8")
+    words = ["--for", "stribeck", "--joint", "joint2", "--seconds", "8"]
+    assert main(["excite", str(rig), *words, "-o", str(tmp_path / "x.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "torque joint2" in said and "friction and what moves the rest" in said
+    assert not (tmp_path / "x.toml").exists()
+
+
+def test_limits_that_nobody_stated_are_told(tmp_path, capsys):
+    still = 'lower="-0.5" upper="2" velocity="0" effort="3"'
+    assert planned(tmp_path, still, "--for", "stribeck")[0] == 0
+    assert "assumed, as the robot states none: speed j 1 rad/s;" in capsys.readouterr().out
+    assert planned(tmp_path, 'effort="3" velocity="0"', "--for", "stribeck", "--json")[0] == 0
+    assert json.loads(capsys.readouterr().out)["assumed_limits"] == [
+        {"what": "position j", "values": pytest.approx([-np.pi / 2, np.pi / 2]), "unit": "rad"},
+        {"what": "speed j", "values": [1.0], "unit": "rad/s"},
+    ]
+
+
+@pytest.mark.parametrize("ends", ['lower="2" upper="-1"', 'lower="1" upper="1"'])
+def test_a_range_that_is_none_is_refused(tmp_path, capsys, ends):
+    assert planned(tmp_path, f'{ends} velocity="1.5" effort="3"') == (2, [])
+    said = capsys.readouterr().err
+    assert "arm.urdf: joint 'j'" in said and "expected lower below upper" in said
+
+
+def test_a_motion_that_is_not_in_the_menu_is_no_other_one(tmp_path, capsys):
+    limits = 'lower="-0.5" upper="2" velocity="1.5" effort="3"'
+    assert planned(tmp_path, limits, "--for", "stribeck", "--motion", "pairs") == (2, [])
+    assert "needs more joints; there is" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_an_identifying_motion_has_a_small_condition_number(tmp_path, capsys):
     place = str(tmp_path / "id.toml")
@@ -114,3 +197,4 @@ def test_an_identifying_motion_has_a_small_condition_number(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["columns"] == 14
     assert data["condition"] < 5.0 < 8.0 < data["condition_naive"]
+    assert data["condition"] < data["condition_with_offset"]
