@@ -134,8 +134,9 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
     Raises
     ------
     ConfigError
-        Naming an effect that the loop cannot evaluate, and why.
+        Naming an effect that the loop cannot evaluate, and why; or for a span that is none.
     """
+    _refuse_span(span)
     terms: list[Any] = []
     slips: list[Any] = []
     flat: list[FloatArray] = []
@@ -158,6 +159,16 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
             flat.append(sheet[0].reshape(-1))
     out = np.concatenate(flat) if flat else np.zeros(1)
     return Tables(np.array(terms, TERM), np.array(slips, SLIP), out)
+
+
+def _refuse_span(span: Sequence[float]) -> None:
+    if len(span) not in (0, 6) or not all(
+        -math.inf < low <= high < math.inf for low, high in zip(span[::2], span[1::2], strict=True)
+    ):
+        raise ConfigError(
+            f"span = {list(span)}; expected the lowest and highest position of each of three "
+            "joints [rad], or nothing"
+        )
 
 
 @lru_cache(maxsize=8)

@@ -206,12 +206,15 @@ def foresee(f: Any, u: float, h: float, parts: int) -> bool:
 def step(f: Any, y: float, u: float, h: float) -> float:
     """One period: correct with y = q_m [rad], then predict with u = tau [N m].
 
+    Without a measurement, y not a number, it predicts only.
+
     Returns
     -------
     float
-        Innovation [rad]; not a number once the covariance has lost its sign.
+        Innovation [rad]; not a number without a measurement, or once the covariance has lost its
+        sign.
     """
-    innovation = correct(f.x, f.p, y, f.variance, f.gain)
+    innovation = np.nan if np.isnan(y) else correct(f.x, f.p, y, f.variance, f.gain)
     for r in range(f.x.size):
         f.now[r] = f.x[r]
     return innovation if foresee(f, u, h, 1) else np.nan
@@ -245,11 +248,16 @@ class UkfConfig:
     noise : tuple of 5 floats
         Variances added per step: q_m, q_m', q, q', log parameters.
     spread : float
-        Variance of the log parameters at the start.
+        Variance of the log parameters at the start, positive.
     soft : float
         v0 of the friction's sign [rad/s].
     alpha, beta, kappa : float
-        Scaling of the sigma points.
+        Scaling of the sigma points: alpha positive, kappa above -10, beta any number.
+
+    Raises
+    ------
+    ConfigError
+        For a number that is none, or out of its range.
     """
 
     motor_inertia: float = 2e-4
@@ -264,12 +272,22 @@ class UkfConfig:
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
-        if len(self.start) != 6 or min(self.start) <= 0.0:
+        # comparisons that no NaN passes
+        if len(self.start) != 6 or not all(0.0 < x < np.inf for x in self.start):
             raise ConfigError("UKF: start needs six positive numbers: k1, k3, Fcm, Fvm, Fcl, Fvl")
-        if len(self.noise) != 5 or min(self.noise) < 0.0:
+        if len(self.noise) != 5 or not all(0.0 <= x < np.inf for x in self.noise):
             raise ConfigError("UKF: noise needs five numbers that are not negative")
-        if min(self.motor_inertia, self.link_inertia, self.resolution, self.soft) <= 0.0:
-            raise ConfigError("UKF: inertias, resolution and soft must be positive")
+        for name in ("motor_inertia", "link_inertia", "resolution", "spread", "soft", "alpha"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ConfigError(
+                    f"UKF: {name} = {getattr(self, name)}; inertias, resolution, spread, soft and "
+                    "alpha must be positive"
+                )
+        if not -N < self.kappa < np.inf or not np.isfinite(self.beta):
+            raise ConfigError(
+                f"UKF: kappa = {self.kappa}, beta = {self.beta}; kappa must be above -{N}, for "
+                f"there are {N} states, and beta a number"
+            )
 
     def weights(self) -> FloatArray:
         """Lam + n, Wm0, Wc0, Wi, shape (4,)."""
@@ -333,7 +351,7 @@ class ElasticUkf:
         return dict(zip(NAMES, np.exp(self._f["now"][4:]).tolist(), strict=True))
 
     def step(self, y: float, u: float, period: float) -> float:
-        """One period; see `step`."""
+        """One period; see `step`.  Without a measurement, y not a number, it predicts only."""
         return float(step(self._f, y, u, period))
 
     def run(self, y: FloatArray, u: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
@@ -342,7 +360,8 @@ class ElasticUkf:
         Parameters
         ----------
         y, u : ndarray (n,)
-            Motor angle [rad], motor torque [N m], both on the link's side.
+            Motor angle [rad], motor torque [N m], both on the link's side.  Where y is not a
+            number there was no measurement, and the filter predicts only.
         period : float
             [s].
 
@@ -351,8 +370,33 @@ class ElasticUkf:
         states : ndarray (n, 10)
             Corrected states.
         innovation : ndarray (n,)
-            [rad].
+            [rad]; not a number where there was no measurement.
+
+        Raises
+        ------
+        ConfigError
+            If y and u are not of one length, a torque is not a number, or a value is infinite.
         """
+        y, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (y, u))
+        _refuse_record(y, u, period)
         out, innovation = np.zeros((y.size, N)), np.zeros(y.size)
-        run(self._f, np.ascontiguousarray(y), np.ascontiguousarray(u), period, out, innovation)
+        run(self._f, y, u, period, out, innovation)
         return out, innovation
+
+
+def _refuse_record(y: FloatArray, u: FloatArray, period: float) -> None:
+    """Refuse what the kernel would read beyond, or carry on into every later sample."""
+    if y.ndim != 1 or y.shape != u.shape:
+        raise ConfigError(
+            f"UKF: y has the shape {y.shape}, u {u.shape}; expected one motor angle [rad] and one "
+            "torque [N m] a sample, both (n,)"
+        )
+    bad = np.flatnonzero(~np.isfinite(u) | np.isinf(y))
+    if bad.size:
+        k = int(bad[0])
+        raise ConfigError(
+            f"UKF: sample {k} of {y.size} has y = {y[k]}, u = {u[k]}; a torque must be a number "
+            "(fill it in, or filter the parts apart), an angle a number or NaN for none"
+        )
+    if not 0.0 < period < np.inf:
+        raise ConfigError(f"UKF: period = {period} s; it must be positive")

@@ -71,7 +71,17 @@ def tip_force(jacobian: FloatArray, torque: FloatArray) -> FloatArray:
         p' = J q'.
     torque : ndarray (n, 3)
         External joint torque [N m].
+
+    Raises
+    ------
+    ConfigError
+        If the arrays do not agree.
     """
+    if torque.shape[1:] != (3,) or jacobian.shape != (len(torque), 3, 3):
+        raise ConfigError(
+            f"tip force: the Jacobians have the shape {jacobian.shape}, the torques "
+            f"{torque.shape}; expected (n, 3, 3) and (n, 3)"
+        )
     jt = np.swapaxes(jacobian, 1, 2)
     weak = np.abs(np.linalg.det(jacobian)) < SINGULAR
     out = np.empty_like(torque)
@@ -136,16 +146,36 @@ def momentum(
     Raises
     ------
     ConfigError
-        If a gain or period is not positive.
+        If a gain or period is not positive, the arrays do not agree, or a value is not finite:
+        the observer would carry it on into every later sample.
     """
-    if gain <= 0.0 or period <= 0.0:
-        raise ConfigError("momentum observer: gain and period must be positive")
+    if not (0.0 < gain < np.inf and 0.0 < period < np.inf):
+        raise ConfigError(
+            f"momentum observer: gain = {gain} rad/s, period = {period} s; both must be positive"
+        )
+    _refuse_record(m, qd, push)
     p: FloatArray = np.einsum("nij,nj->ni", m, qd)
     out: FloatArray = np.zeros_like(p)
     state = np.zeros(1 + p.shape[1])
     for k in range(len(p)):
         _observe(p[k], push[k], gain, period, state, out[k])
     return out
+
+
+def _refuse_record(m: FloatArray, qd: FloatArray, push: FloatArray) -> None:
+    """Refuse what the kernel would read beyond, or carry on into every later sample."""
+    if qd.ndim != 2 or push.shape != qd.shape or m.shape != (*qd.shape, qd.shape[1]):
+        raise ConfigError(
+            f"momentum observer: m has the shape {m.shape}, qd {qd.shape}, push {push.shape}; "
+            "expected (n, d, d), (n, d), (n, d)"
+        )
+    good = [np.isfinite(x).reshape(len(qd), -1).all(axis=1) for x in (m, qd, push)]
+    bad = np.flatnonzero(~np.all(good, axis=0))
+    if bad.size:
+        raise ConfigError(
+            f"momentum observer: sample {bad[0]} of {len(qd)} holds a value that is not finite; "
+            "fill it in, or observe the parts apart"
+        )
 
 
 def premium_terms(pi: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,11 +7,12 @@ kernels are compiled and work on all channels at once.  Acceleration is a filter
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, fabs, pi, pow
+from math import exp, fabs, inf, pi, pow
 from typing import Any, Protocol
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
 from hil import registry
 from hil.errors import ConfigError
@@ -168,7 +169,13 @@ class VelocityEstimator(Protocol):
         ...
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
-        """Write counts per period into `rate` (n,); `steps` periods have passed since the last."""
+        """Write counts per period into `rate` (n,); `steps` periods have passed since the last.
+
+        Raises
+        ------
+        ConfigError
+            If there are not as many counts and rates as channels, or no period has passed.
+        """
         ...
 
 
@@ -246,7 +253,7 @@ class FoawEndFit:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.window < 2 or self.noise <= 0:
+        if self.window < 2 or not 0 < self.noise < inf:
             raise ConfigError("velocity foaw: window must be at least 2, noise positive.")
 
     def build(self, channels: int, period: float) -> VelocityEstimator:
@@ -276,7 +283,7 @@ class Kalman:
     acceleration: float = 1e5
 
     def __post_init__(self) -> None:
-        if self.acceleration <= 0:
+        if not 0 < self.acceleration < inf:
             raise ConfigError("velocity kalman: acceleration must be positive.")
 
     def build(self, channels: int, period: float) -> VelocityEstimator:
@@ -299,6 +306,16 @@ def low_pass(cutoff_hz: float, period: float) -> float:
     return 1.0 - exp(-2.0 * pi * cutoff_hz * period)
 
 
+def _refuse(values: NDArray[Any], out: FloatArray, channels: int, steps: int) -> None:
+    """Refuse what a kernel would read or write beyond: its loops go over the values given."""
+    if values.shape != (channels,) or out.shape != (channels,) or steps < 1:
+        raise ConfigError(
+            f"velocity: {channels} channels got values of the shape {values.shape} into rates of "
+            f"the shape {out.shape} after {steps} periods; expected ({channels},) twice, and one "
+            "period at least"
+        )
+
+
 class _Plain:
     def __init__(
         self, channels: int, columns: int, kernel: Any, options: tuple[float, ...]
@@ -311,6 +328,7 @@ class _Plain:
         self._state[:, 0] = counts
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
+        _refuse(counts, rate, len(self._state), steps)
         self._kernel(counts, self._state, steps, *self._options, rate)
 
 
@@ -323,6 +341,7 @@ class _Windowed:
         self._past[:] = counts[:, None]
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
+        _refuse(counts, rate, len(self._past), steps)
         self._kernel(counts, self._past, steps, self._noise, rate)
 
 
@@ -337,6 +356,7 @@ class _Kalman:
         self._spread[:] = 1.0 / 12.0, 0.0, 1.0
 
     def update(self, counts: IntArray, steps: int, rate: FloatArray) -> None:
+        _refuse(counts, rate, len(self._state), steps)
         kalman(counts, self._state, self._spread, steps, 1.0 / 12.0, self._drive, rate)
 
 
@@ -371,4 +391,5 @@ class FilteredAcceleration:
 
     def update(self, velocity: FloatArray, steps: int, acceleration: FloatArray) -> None:
         """Write `acceleration` (n,) [rad/s^2]; `steps` periods have passed since the last."""
+        _refuse(velocity, acceleration, len(self._state), steps)
         low_passed_slope(velocity, self._state, steps, self._beta, self._period, acceleration)

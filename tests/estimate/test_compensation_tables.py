@@ -216,3 +216,9 @@ def test_a_model_without_values_or_of_another_robot_is_refused():
         compensation_tables.rigid_parameters(RobotModel(ROBOT, (Use("rigid-body"),)))
     with pytest.raises(ConfigError, match="single-axis"):
         compensation_tables.rigid_parameters(RobotModel(RobotSource("single-axis"), (RIGID,)))
+
+
+@pytest.mark.parametrize("span", [[np.nan, 1.0] * 3, [0.5, -0.5] * 3, [-0.5, 0.5], [0.0] * 5])
+def test_a_span_that_is_none_is_refused(span):
+    with pytest.raises(ConfigError, match="span = "):
+        compensation_tables.tables({}, span)

@@ -72,3 +72,46 @@ def test_bad_configurations_are_refused():
         elastic_ukf.UkfConfig(start=(1.0,) * 5)
     with pytest.raises(ConfigError, match="inertias"):
         elastic_ukf.UkfConfig(motor_inertia=0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((n, v) for n in ("spread", "resolution", "alpha", "soft") for v in (np.nan, -1.0, 0.0)),
+        ("kappa", -10.0),
+        ("kappa", np.nan),
+        ("beta", np.nan),
+        ("link_inertia", np.inf),
+        ("noise", (1e-12, np.nan, 1e-12, 1e-4, 1e-9)),
+        ("start", (30.0, np.nan, 0.02, 9e-4, 0.006, 1.6e-3)),
+    ],
+)
+def test_numbers_that_make_no_filter_are_refused(name, value):
+    with pytest.raises(ConfigError, match=name):
+        elastic_ukf.UkfConfig(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("y", "u", "says"),
+    [
+        (np.zeros(2000), np.zeros(5), r"y has the shape \(2000,\), u \(5,\)"),
+        (np.zeros((5, 1)), np.zeros((5, 1)), "both"),
+        (np.zeros(5), np.array([0.0, 0.0, np.nan, 0.0, 0.0]), "sample 2 of 5"),
+        (np.array([0.0, np.inf]), np.zeros(2), "sample 1 of 2"),
+    ],
+)
+def test_a_record_that_the_kernel_cannot_take_is_refused(y, u, says):
+    with pytest.raises(ConfigError, match=says):
+        elastic_ukf.ElasticUkf().run(y, u, PERIOD)
+
+
+def test_a_sample_without_a_measurement_is_foretold():
+    run = record(TwoMassPlant(), 0.6, 3)
+    whole, _ = elastic_ukf.ElasticUkf(CONFIG).run(run.y, run.u, PERIOD)
+    holes = run.y.copy()
+    holes[[100, 300, 301, 302]] = np.nan
+    found, innovation = elastic_ukf.ElasticUkf(CONFIG).run(holes, run.u, PERIOD)
+    assert np.isfinite(found).all()
+    assert np.flatnonzero(np.isnan(innovation)).tolist() == [100, 300, 301, 302]
+    assert np.array_equal(found[:100], whole[:100])
+    assert np.abs(found[-1, :1] - whole[-1, :1]).max() < CONFIG.resolution

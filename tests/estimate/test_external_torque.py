@@ -73,6 +73,25 @@ def test_a_bad_gain_is_refused():
         external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
 
 
+@pytest.mark.parametrize("pair", [(np.nan, T), (K, np.nan), (K, 0.0), (np.inf, T)])
+def test_a_gain_or_period_that_is_no_number_is_refused(pair):
+    with pytest.raises(ConfigError, match="positive"):
+        external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), *pair)
+
+
+def test_arrays_that_do_not_agree_or_hold_no_number_are_refused():
+    m, v = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
+    for parts in ((m, v, v[:3]), (m, v, v[:, :2]), (m[:4], v, v)):
+        with pytest.raises(ConfigError, match="expected"):
+            external_torque.momentum(*parts, K, T)
+    bad = v.copy()
+    bad[2, 1] = np.nan
+    with pytest.raises(ConfigError, match="sample 2 of 5"):
+        external_torque.momentum(m, v, bad, K, T)
+    with pytest.raises(ConfigError, match="tip force"):
+        external_torque.tip_force(m, v[:3])
+
+
 def test_the_model_finds_the_force_of_a_fitted_run():
     """Any fitted model: the effort it does not explain is the external one."""
     from hil.diagnosis.verbs import fit

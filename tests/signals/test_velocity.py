@@ -144,6 +144,23 @@ def test_mistakes_are_named():
         estimator("filtered-difference", {"cutoff_hz": 900.0}, 1, T)
     with pytest.raises(ConfigError, match="unknown key"):
         estimator("first-difference", {"cutoff_hz": 9.0}, 1, T)
-    for name, options in (("foaw-end-fit", {"window": 1}), ("kalman", {"acceleration": -1.0})):
+    for name, options in (
+        ("foaw-end-fit", {"window": 1}),
+        ("foaw-best-fit", {"noise": float("nan")}),
+        ("kalman", {"acceleration": -1.0}),
+        ("kalman", {"acceleration": float("nan")}),
+        ("filtered-difference", {"cutoff_hz": float("nan")}),
+    ):
         with pytest.raises(ConfigError):
             estimator(name, options, 1, T)
+
+
+@pytest.mark.parametrize("name", names())
+def test_counts_and_rates_are_as_many_as_the_channels(name):
+    method = estimator(name, {}, 2, T)
+    method.reset(np.zeros(2, np.int64))
+    for counts, rates, steps in ((3, 2, 1), (2, 1, 1), (2, 2, 0)):
+        with pytest.raises(ConfigError, match="2 channels"):
+            method.update(np.zeros(counts, np.int64), steps, np.zeros(rates))
+    with pytest.raises(ConfigError, match="2 channels"):
+        FilteredAcceleration(2, T).update(np.zeros(3), 1, np.zeros(3))
