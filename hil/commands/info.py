@@ -220,6 +220,8 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
         "metadata": found.metadata,
         "attachments": list(found.attachments),
         "states": [asdict(s) for s in found.states],
+        "end": asdict(found.end) if found.end else None,
+        "recovered": found.recovery or None,
         "watchdog": _trip(found),
         "executables": _executables(found),
     }
@@ -252,6 +254,15 @@ def _stops(found: SessionSummary) -> list[str]:
     ]
     if len(stops) > len(shown):
         rows.insert(-1, f"  ... {plural(len(stops) - len(shown), 'stop')} more")
+    return [*rows, ""] if rows else []
+
+
+def _end(found: SessionSummary) -> list[str]:
+    """That a session did not end by itself, or is what was left of another one."""
+    told = [found.end.text if found.end else "", found.recovered]
+    if found.recovered and found.end is None:
+        told.append("its end is not in it: what the loop did after the last row is not known")
+    rows = [f"  {text}" for text in told if text]
     return [*rows, ""] if rows else []
 
 
@@ -329,7 +340,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         for c in found.channels
     ]
     lines += [*_aligned(rows), "", *loop_lines(found)]
-    lines += _stops(found)
+    lines += [*_stops(found), *_end(found)]
     trip, named = _trip(found), _executables(found)
     lines += [f"  {in_words(trip)}", ""] if trip else []
     lines += [f"  {text}; nothing of it runs because the session is read" for text in named]

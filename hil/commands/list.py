@@ -41,7 +41,7 @@ class ListedSession:
     tags : tuple of str
         As they were given.
     verdict : str
-        ``usable``, how many faults, or why it cannot be read.
+        ``usable``, how many faults, or why it cannot be read; that it was broken off or recovered.
     """
 
     path: str
@@ -139,7 +139,9 @@ def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:
     counts = [(faults.count(severity), severity) for severity in ("error", "warning")]
     wrong += [plural(count, severity) for count, severity in counts if count]
     wrong += [] if runs else ["no arm"]
-    return ", ".join(wrong) or "usable"
+    ended = ["broken off"] if found and found.end and found.end.text else []
+    ended += ["recovered"] if found and found.recovered else []
+    return ", ".join([*(wrong or ["usable"]), *ended])
 
 
 def _origin(found: SessionSummary) -> str:

@@ -200,6 +200,8 @@ _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 #: Attachment with a copy of the metadata: a metadata record has no checksum, an attachment has.
 METADATA_COPY = "hil.metadata.json"
+#: Metadata record of a file that is what was left of another one; it is no part of the session.
+RECOVERY = "recovery"
 #: Before the name of an attached file: its copy, packed with zlib.
 FILE_COPY = "hil.copy/"
 #: Records that must follow each other where the walk goes on after a damaged one, and bytes that
@@ -232,6 +234,8 @@ class Container:
         Bytes there are, and bytes at the end that no complete record holds.
     damaged : int
         Records within that could not be read, or whose checksum is wrong; they are left out.
+    recovery : dict
+        What the file was recovered from, and what was lost then; empty of another file.
     """
 
     path: Path
@@ -242,6 +246,7 @@ class Container:
     size: int = 0
     unread: int = 0
     damaged: int = 0
+    recovery: dict[str, str] = field(default_factory=dict)
 
     @property
     def zero_ns(self) -> int:
@@ -285,6 +290,7 @@ def read(path: str | Path, messages: bool = True) -> Container:
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)
     reader.read(raw)
+    out.recovery = out.metadata.pop(RECOVERY, {})
     return out
 
 

@@ -10,7 +10,7 @@ import json
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import reduce
 from pathlib import Path
@@ -173,6 +173,41 @@ class StateChange:
     causes: tuple[str, ...]
 
 
+#: Names of the events that end a session.
+_ENDS = ("done", "fault", "broken off")
+
+
+@dataclass(frozen=True)
+class SessionEnd:
+    """How a session of `hil run` ended.
+
+    Parameters
+    ----------
+    how : str
+        ``"done"``, ``"fault"`` or ``"broken off"``.
+    at_s : float
+        Time [s].
+    tick : int
+        Its tick.
+    error : str
+        What broke it off.
+    """
+
+    how: str
+    at_s: float
+    tick: int
+    error: str = ""
+
+    @property
+    def text(self) -> str:
+        """Sentence of a session that was broken off; empty for another."""
+        if self.how != "broken off":
+            return ""
+        return (
+            f"broken off at {self.at_s:.4f} s (tick {self.tick}): {self.error or 'no error told'}"
+        )
+
+
 @dataclass(frozen=True)
 class SessionSummary:
     """What a session holds; times of channels count from `zero_ns`, see `Container.zero_ns`."""
@@ -188,6 +223,20 @@ class SessionSummary:
     arms: tuple[str, ...]
     zero_ns: int = 0
     states: tuple[StateChange, ...] = ()
+    end: SessionEnd | None = None
+    recovery: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def recovered(self) -> str:
+        """Sentence of a session that `hil info --recover` wrote; empty for another."""
+        told = self.recovery
+        if not told:
+            return ""
+        return (
+            f"recovered from {told.get('source', 'another file')}: "
+            f"{told.get('unread_bytes', '?')} bytes at its end and "
+            f"{told.get('damaged_records', '?')} damaged records could not be read"
+        )
 
 
 def summary(path: str | Path) -> SessionSummary:
@@ -200,6 +249,7 @@ def summary(path: str | Path) -> SessionSummary:
     """
     box = read(path)
     channels = tuple(_channel(t, box) for t in box.topics.values())
+    events = list(_events(box))
     return SessionSummary(
         str(path),
         box.size,
@@ -211,22 +261,26 @@ def summary(path: str | Path) -> SessionSummary:
         tuple(box.attachments),
         _arms(box),
         box.zero_ns,
-        tuple(_states(box)),
+        tuple(e for e in events if isinstance(e, StateChange)),
+        next((e for e in reversed(events) if isinstance(e, SessionEnd)), None),
+        box.recovery,
     )
 
 
-def _states(box: Container) -> Iterator[StateChange]:
-    """Changes of state among the events; what is no such event is left out, whoever wrote it."""
+def _events(box: Container) -> Iterator[StateChange | SessionEnd]:
+    """Changes of state and the end among the events; what is neither is left out."""
     topic = box.topics.get("/events")
     if topic is None:
         return
     for at, raw in zip(box.seconds(topic), topic.data, strict=True):
-        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError):
+        with contextlib.suppress(ValueError, KeyError, TypeError, RecursionError, AttributeError):
             event = json.loads(raw)
+            told, tick = event["data"], int(event["tick"])
             if event["name"] == "state":
-                told = event["data"]
                 causes = tuple(str(cause) for cause in told["conditions"])
-                yield StateChange(str(told["state"]), float(at), int(event["tick"]), causes)
+                yield StateChange(str(told["state"]), float(at), tick, causes)
+            elif event["name"] in _ENDS:
+                yield SessionEnd(event["name"], float(at), tick, str(told.get("error", "")))
 
 
 def _channel(topic: Topic, box: Container) -> ChannelSummary:

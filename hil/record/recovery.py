@@ -22,7 +22,7 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
-from hil.record.container import FILE_COPY, METADATA_COPY, Container, read
+from hil.record.container import FILE_COPY, METADATA_COPY, RECOVERY, Container, read
 from hil.record.schema import LIBRARY
 
 CHUNK_BYTES = 64 * 1024
@@ -318,7 +318,12 @@ def recover(source: str | Path, target: str | Path) -> int:
 
 def _head(writer: Writer, box: Container) -> dict[str, int]:
     """Write all but the messages; the number of each channel."""
-    describe(writer, box.metadata, box.attachments)
+    told = {
+        "source": Path(box.path).name,
+        "unread_bytes": str(box.unread),
+        "damaged_records": str(box.damaged),
+    }
+    describe(writer, {**box.metadata, RECOVERY: told}, box.attachments)
     schemas: dict[tuple[str, str, bytes], int] = {}
     numbers: dict[str, int] = {}
     for t in box.topics.values():

@@ -174,3 +174,15 @@ def test_a_table_says_nothing_of_a_loop(session, capsys):
     assert main(["info", str(session)]) == 0
     text = capsys.readouterr().out
     assert "loop:" not in text and "UTC" not in text
+
+
+def test_a_recovered_session_says_what_it_is(session, tmp_path, capsys):
+    target = tmp_path / "r.mcap"
+    session.write_bytes(session.read_bytes()[:-200])
+    assert main(["info", str(session), "--recover", str(target)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(target)]) == 0
+    assert f"recovered from {session.name}: " in capsys.readouterr().out
+    assert main(["info", str(target), "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["sessions"]
+    assert told["recovered"]["source"] == session.name
