@@ -7,6 +7,7 @@ its traceback appears only with ``--debug``.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import importlib
 import os
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple, NoReturn
 import hil
 from hil import terminal
 from hil.errors import HilError, unknown
-from hil.interrupt import CODE, interrupts
+from hil.interrupt import CODE, Ended, interrupts
 
 
 class Parser(argparse.ArgumentParser):
@@ -126,6 +127,9 @@ def explain(
     place = _place(error)
     if place:
         return f"an effect of your own failed in {place}: {_what(error)}; mend it there", 2
+    registry = sys.modules.get("hil.registry")
+    if registry is not None and (blamed := registry.culprit(error)):
+        return blamed, 2
     if isinstance(error, OSError) and error.strerror:
         where = error.filename or "a file or the standard output"
         return f"cannot read or write {where}: {error.strerror}", 2
@@ -337,7 +341,7 @@ def main(
     -------
     int
         0 done, 2 bad input or usage, 3 hardware or device fault, 1 internal error,
-        130 interrupted.
+        130 interrupted, 128 + number ended by a signal.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     with terminal.quoted():
@@ -373,6 +377,8 @@ def _main(words: list[str], suspect: Callable[[BaseException], str]) -> int:
         return 0
     except KeyboardInterrupt as stop:
         return _interrupted(str(stop))
+    except Ended as end:
+        return _ended(end, args.command)
     except Exception as error:
         if interrupts.seen:  # a library has made an error of its own of the interruption
             return _interrupted("")
@@ -395,6 +401,15 @@ def _interrupted(said: str) -> int:
     _drop_output()
     sys.stderr.write(interrupts.line(said))
     return CODE
+
+
+def _ended(end: Ended, command: str) -> int:
+    """Say which signal ended the command, and where the record is; the terminal may be gone."""
+    _drop_output()
+    with contextlib.suppress(OSError):
+        sys.stderr.write(f"hil {command}: ended by {end}{f'; {end.said}' if end.said else ''}\n")
+        sys.stderr.flush()
+    return int(end.code or 0)
 
 
 def _drop_output() -> None:

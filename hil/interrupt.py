@@ -25,6 +25,25 @@ UNWINDING_S = 5.0
 AGAIN_S = 0.01
 
 
+class Ended(SystemExit):
+    """SIGTERM or SIGHUP, which ends the program once all is closed; its code is 128 + number.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    said : str
+        Where the record is, where there is one.
+    """
+
+    def __init__(self, number: int, said: str = "") -> None:
+        super().__init__(128 + number)
+        self.number, self.said = number, said
+
+    def __str__(self) -> str:
+        return signal.Signals(self.number).name
+
+
 class Interrupts:
     """What SIGINT does to the program; there is one, `interrupts`."""
 
@@ -174,7 +193,7 @@ def _follow(sentinel: int) -> None:
 
 @contextlib.contextmanager
 def saying(where: Callable[[], str]) -> Iterator[None]:
-    """Add to an interruption where the record is.
+    """Add to an interruption, or the end by a signal, where the record is.
 
     An error after an interruption is its consequence: a library that was interrupted in a
     callback says so in its own way.
@@ -186,6 +205,8 @@ def saying(where: Callable[[], str]) -> Iterator[None]:
     """
     try:
         yield
+    except Ended as error:
+        raise Ended(error.number, where()).with_traceback(error.__traceback__) from None
     except (KeyboardInterrupt, Exception) as error:
         if not (interrupts.seen or isinstance(error, KeyboardInterrupt)):
             raise

@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
-from hil.errors import ConfigError, DeviceError
+from hil.errors import ConfigError, DeviceError, HilError
+from hil.interrupt import Ended
 from hil.record.ring import Ring
 from hil.rig import estimators
 from hil.rig.config import RigConfig
@@ -83,6 +84,7 @@ class Session:
             Shop(rig, config),
             operator.schedule,
             operator.say,
+            lambda tick: self.timer.epoch_ns + tick * loop.period_ns,
         )
         self.left, self.shown, self.posted = 0.0, 0, 0.0
         self.layout = layout
@@ -106,8 +108,8 @@ class Session:
                 self.operator.say(commands.usage(self.slow.shop.settable()))
             (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(progress)
             name = "fault" if loop.unsafe else "done"
-        except Exception as error:
-            told = {"error": f"{type(error).__name__}: {error}"}
+        except BaseException as error:
+            told = {"error": _why(error)}
             raise
         finally:
             if watchdog is not None:  # nothing ticks any more, and closing a file may take long
@@ -343,17 +345,26 @@ class Session:
         )
 
 
+def _why(error: BaseException) -> str:
+    """What broke a session off, for its record."""
+    if isinstance(error, KeyboardInterrupt):
+        return "Ctrl-C"
+    if isinstance(error, (Ended, HilError)):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
+
+
 #: Ctrl-C unwinds already, as KeyboardInterrupt.
 SIGNALS = ("SIGTERM", "SIGHUP")
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
+    raise Ended(number)
 
 
 @contextlib.contextmanager
 def unwinding_signals() -> Iterator[None]:
-    """Turn the signals that would kill the process at once into SystemExit(128 + number).
+    """Turn the signals that would kill the process at once into `hil.interrupt.Ended`.
 
     Outside of the main thread, where Python takes no signals, nothing is changed.
     """
@@ -367,6 +378,18 @@ def unwinding_signals() -> Iterator[None]:
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _kept(made: Session) -> Iterator[None]:
+    """Add to an error in mid-session where the record is."""
+    try:
+        yield
+    except HilError as error:
+        if Path(made.output).exists() and str(made.output) not in str(error):
+            said = f"{str(error).rstrip('.')}. {made.output} holds what was recorded until then."
+            error.args = (said,)
+        raise
 
 
 __all__ = ["CLOCKS", "Operator", "Session", "Summary", "run"]
@@ -440,7 +463,11 @@ def run(
         rig = opener(config, seed)
         try:
             made = (kind or Session)(rig, config, seed, Path(output), operator, model, timer, aside)
-            made.run(progress, watchdog)
+            with _kept(made):
+                try:
+                    made.run(progress, watchdog)
+                finally:
+                    rig.close()
         finally:
             rig.close()
     return made.summary(seed, time.perf_counter() - made.began)

@@ -175,6 +175,8 @@ class SessionParts:
 
 def _outcome(text: str, before: OperatingState, now: OperatingState) -> str:
     """What a command came to, for the operator."""
+    if text == "home" and now is OperatingState.PAUSED:
+        return f"{now.name}, as before: resume first, home does not leave a pause of the safety"
     kept = text.startswith(("set ", "record "))
     done = kept or (text == "home" and now is OperatingState.ENABLED)
     if done or before is not now:
@@ -230,6 +232,8 @@ class SlowSide:
         Commands and their times [s].
     say : callable
         Takes sentences for the operator.
+    stamp : callable
+        Time of a tick [ns].
 
     Attributes
     ----------
@@ -259,6 +263,7 @@ class SlowSide:
         shop: Workshop,
         schedule: Sequence[tuple[float, str]] = (),
         say: Callable[[str], None] = lambda text: None,
+        stamp: Callable[[int], int] = lambda tick: 0,
     ) -> None:
         self._loop, self._ring, self._writer, self._say = loop, ring, writer, say
         self._topics, self._slow_topics = topics, slow_topics
@@ -270,7 +275,7 @@ class SlowSide:
         self.trouble: OSError | None = None
         self.recording = True
         self._state, self._mask = 0, 0
-        self._last = (0, 0)
+        self._stamp = stamp
         #: Last row that came from the loop; empty before the first.
         self.row: FloatArray = np.zeros(0)
         self._noted: deque[tuple[int, int, str]] = deque()
@@ -315,7 +320,7 @@ class SlowSide:
             self.left_out += len(stamps)
             return
         self._writer.write_rows(self._topics, stamps, data)
-        self._last = tick, t_ns = int(stamps[-1, 0]), int(stamps[-1, 1])
+        tick, t_ns = int(stamps[-1, 0]), int(stamps[-1, 1])
         for topic, columns in self._slow_topics:
             self._writer.write(topic, tick, t_ns, data[-1, columns].tolist())
 
@@ -344,7 +349,7 @@ class SlowSide:
             self._state, self._mask = state, mask
         while self._loop.applied:
             tick, text, before, now = self._loop.applied.popleft()
-            found.append((tick, self._last[1], "command", {"text": text}))
+            found.append((tick, self._stamp(tick), "command", {"text": text}))
             if text.startswith("record "):
                 self.recording = RECORD[text.split()[1]]
             self._say(f"tick {tick}: {text}: {_outcome(text, before, now)}")

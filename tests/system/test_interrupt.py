@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.interrupt import Interrupts, held_back, interrupts, saying
+from hil.cli import main
+from hil.interrupt import Ended, Interrupts, held_back, interrupts, saying
 from hil.record.mcap_read import load
 
 #: Runs the program and gives it Ctrl-C when it begins to import a module.
@@ -208,3 +209,13 @@ def test_a_pool_of_processes_ends_with_one_line(tmp_path):
     done = subprocess.run(words, capture_output=True, text=True, timeout=90)
     assert done.returncode == 130
     assert done.stderr == "hil bench: interrupted\n"
+
+
+def test_the_end_by_a_signal_is_told_in_one_line_with_its_code(monkeypatch, capsys):
+    def ended(args):
+        with saying(lambda: "the record is in s.mcap"):
+            raise Ended(signal.SIGTERM)
+
+    monkeypatch.setattr("hil.commands.list.run", ended)
+    assert main(["list", "."]) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "hil list: ended by SIGTERM; the record is in s.mcap\n"
