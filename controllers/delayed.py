@@ -538,6 +538,8 @@ class Delayed:
                     "period"
                 )
         self.config, self.period = config, period
+        # the other schemes feel the coupling, not a sensor
+        self.needs_force = (1,) if config.scheme == "model" else ()
         ways = enumerate((config.backward, config.forward))
         # what is sent at the end of a tick is heard at the next one, at the earliest
         sent = [schedule(way, period, config.seed + k) for k, way in ways]

@@ -360,6 +360,7 @@ class Lawrence:
         refuse(loops_of(config), period)
         self.config = config
         self.period = period
+        self.needs_force = config.needs_force()
         self._ages = np.stack(
             [
                 lawrence_config.schedule(way, period, config.seed + k)

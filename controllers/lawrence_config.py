@@ -294,6 +294,14 @@ class LawrenceConfig:
         share = {"friction_share": SettableRange(0.0, 1.0)}
         return {**force, **share, **dict.fromkeys(corners, SettableRange(1.0, 400.0, "Hz"))}
 
+    def needs_force(self) -> tuple[int, ...]:
+        """Arms (0 leader, 1 follower) whose measured force the law reads."""
+        if self.forces == "estimated":
+            return ()
+        every = self.shape == "force" or self.disturbance > 0.0
+        leader, follower = any(self.c3) or any(self.c6), any(self.c2) or any(self.c5)
+        return tuple(k for k, used in enumerate((leader, follower)) if used or every)
+
     def fixture(self) -> tuple[float, float]:
         """Stiffness and damping of all fixtures at once, for the check before the start."""
         return sum(f.stiffness for f in self.fixtures), sum(f.damping for f in self.fixtures)

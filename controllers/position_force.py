@@ -163,6 +163,8 @@ class PositionForce:
         Of the loop [s].
     """
 
+    #: The follower's, which the leader feels.
+    needs_force = (1,)
     state_names = (
         "started",
         "offset1",

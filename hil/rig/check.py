@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import typing
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil import registry
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.excite.trajectory import INF, Limits, of_robot
@@ -53,14 +55,39 @@ def require_boxes(config: RigConfig) -> None:
         bare = [
             n
             for n, d in config.devices.items()
-            if not d.channels and config.backend_of(n) == backend != "sim"
+            if not d.channels
+            and config.backend_of(n) == backend != "sim"
+            and (backend == "replay" or not self_contained(config, n))
         ]
         if bare:
             raise ConfigError(
                 f"back end {backend!r} needs boxes, and wired to none is {', '.join(bare)}; add "
                 f"[devices.{bare[0]}.channels] and the [boxes.NAME] that it names, as "
-                'rigs/teleop.toml has them, or set backend = "sim", ideal wires.'
+                'rigs/teleop.toml has them, or set backend = "sim", ideal wires.  (A driver that '
+                "speaks to its device itself has SELF_CONTAINED = True in its class.)"
             )
+
+
+def opens(config: RigConfig, name: str) -> Any:
+    """Class of a device, known before it is opened; None where its driver does not say."""
+    found = registry.load("hil.drivers", config.devices[name].driver).open_device
+    if isinstance(found, type):
+        return found
+    try:
+        return typing.get_type_hints(found).get("return")
+    except Exception:  # an annotation may name anything
+        return None
+
+
+def self_contained(config: RigConfig, name: str) -> bool:
+    """Whether a device has no boxes because its driver speaks to it itself."""
+    return bool(getattr(opens(config, name), "SELF_CONTAINED", False))
+
+
+def measures_force(config: RigConfig, arm: str) -> bool:
+    """Whether a device of an arm measures the force on its tip."""
+    mine = [n for n, d in config.devices.items() if d.arm == arm]
+    return any(hasattr(opens(config, n), "measured_cf") for n in mine)
 
 
 def device_options(config: RigConfig, name: str) -> Any:

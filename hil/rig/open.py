@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from hil import registry
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DeviceError
+from hil.interrupt import Ended
 from hil.rig import boxes as cabling
 from hil.rig import estimators, safety
 from hil.rig.boxes import BoxWire, CanDrives, only_gauges, open_boxes, places, trouble, wired
@@ -20,6 +21,8 @@ from hil.rig.check import (
     described,
     device_options,
     limits_of_arm,
+    measures_force,
+    self_contained,
 )
 from hil.rig.config import SIMULATED, DeviceConfig, RigConfig, robot_source
 from hil.rig.frame_capture import Taps
@@ -31,6 +34,7 @@ from hil.signals.device import (
     MeasuredCf,
     MeasuredJs,
     ServoJf,
+    Status,
     Tareable,
     Wire,
 )
@@ -78,6 +82,82 @@ class ArmPort:
     box: FloatArray | None = None
 
 
+class _PlugInDevice:
+    """Fast path of a plug-in's device: what it raises or wrongly answers says whose it is."""
+
+    def __init__(self, device: Any, name: str, driver: str) -> None:
+        self._device, self._name, self._driver = device, name, driver
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
+        """See `hil.signals.device.MeasuredJs`."""
+        return self._status("measured_js", t_ns, position, velocity)
+
+    def measured_cf(self, t_ns: int, position: FloatArray, wrench: FloatArray) -> Status:
+        """See `hil.signals.device.MeasuredCf`."""
+        return self._status("measured_cf", t_ns, position, wrench)
+
+    def servo_jf(self, effort: FloatArray, sent: FloatArray) -> Status:
+        """See `hil.signals.device.ServoJf`."""
+        return self._status("servo_jf", effort, sent)
+
+    def fault(self) -> None:
+        """See `hil.signals.device.ServoJf`."""
+        with registry.blaming("hil.drivers", self._driver, self._failed("fault"), DeviceError):
+            self._device.fault()
+
+    def _failed(self, step: str) -> str:
+        return f"device {self._name!r} (driver {self._driver!r}) failed in {step}"
+
+    def _status(self, step: str, *given: Any) -> Status:
+        try:
+            found = getattr(self._device, step)(*given)
+            if isinstance(found, (int, np.integer)) and 0 <= found <= Status.LOST:
+                return found  # type: ignore[return-value]
+            raise TypeError(f"it returned {found!r}; a hil.signals.device.Status is needed")
+        except Ended:
+            raise
+        except (Exception, SystemExit) as error:
+            what = self._failed(step)
+            said = registry.blamed("hil.drivers", self._driver, what, error)
+            raise DeviceError(said) from error
+
+
+class _PlugInLaw:
+    """Law of a plug-in: what it raises says whose it is."""
+
+    def __init__(self, law: Any, name: str) -> None:
+        self._law, self._name = law, name
+        self.state_names: tuple[str, ...] = _state_names(law)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._law, name)
+
+    def update(
+        self, t: float, x: FloatArray, u: FloatArray, x_next: FloatArray, y: FloatArray
+    ) -> None:
+        """See `hil.signals.device.Controller`."""
+        try:
+            self._law.update(t, x, u, x_next, y)
+        except Ended:
+            raise
+        except (Exception, SystemExit) as error:
+            what = f"the law {self._name!r} failed at {t:g} s"
+            raise ConfigError(
+                registry.blamed("hil.controllers", self._name, what, error)
+            ) from error
+
+
+def _state_names(law: Any) -> tuple[str, ...]:
+    """Names of the entries of a law's state, each once: they become fields of a message."""
+    names = tuple(law.state_names)
+    if not all(isinstance(n, str) for n in names) or len(set(names)) < len(names):
+        raise TypeError(f"state_names = {names!r}; strings are needed, each once")
+    return names
+
+
 def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPort:
     """Capabilities of one arm, from whichever of its devices has them."""
     mine = {n: d for n, d in devices.items() if config.devices[n].arm == arm}
@@ -88,6 +168,12 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
         raise ConfigError(
             f"arm {arm!r}: one device that measures joints and takes efforts is needed, and at "
             f"most one force sensor; it has {', '.join(mine) or 'no device'}."
+        )
+    if force and not measures_force(config, arm):
+        raise ConfigError(
+            f"arm {arm!r}: one of its devices {', '.join(mine)} measures a force, and its driver "
+            "does not say so before it is opened; make open_device the class of the device, or "
+            "annotate what it returns."
         )
     limits = config.arms[arm]
     if limits.own and not all(getattr(d, "ANY_ARM", True) for d in force):
@@ -102,9 +188,9 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
     return ArmPort(
-        joints[0],
-        efforts[0],
-        force[0] if force else None,
+        _watched(joints[0], mine, config),
+        _watched(efforts[0], mine, config),
+        _watched(force[0], mine, config) if force else None,
         getattr(joints[0], "counts", none),
         getattr(efforts[0], "codes", none),
         getattr(force[0], "gauges", zeros) if force else zeros,
@@ -114,6 +200,13 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
         _tip(limits.robot) if boxed else None,
         robot.box if boxed else None,
     )
+
+
+def _watched(device: Any, mine: Mapping[str, Device], config: RigConfig) -> Any:
+    """A device as the loop calls it; those of this package keep to the rules by their tests."""
+    name = next(n for n, d in mine.items() if d is device)
+    driver = config.devices[name].driver
+    return device if registry.own("hil.drivers", driver) else _PlugInDevice(device, name, driver)
 
 
 def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:
@@ -146,6 +239,8 @@ class Rig:
         What closing takes.
     bench : object or None
         The simulator behind the wires, for who pulls its plugs; None on hardware.
+    drivers : dict
+        Device -> name of its driver.
     """
 
     devices: dict[str, Device]
@@ -157,11 +252,14 @@ class Rig:
     taps: Taps | None = None
     stack: ExitStack = field(default_factory=ExitStack)
     bench: Any = None
+    drivers: dict[str, str] = field(default_factory=dict)
 
     def enable(self) -> None:
         """Enable every device; the first refusal is raised, and `close` makes the rest safe."""
-        for device in self.devices.values():
-            device.enable()
+        for name, device in self.devices.items():
+            driver = self.drivers.get(name, "")
+            with _step(name, driver, "cannot be enabled"):
+                device.enable()
 
     def trouble(self) -> str:
         """Why boxes are lost; empty while none is."""
@@ -221,6 +319,7 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
     check_tables(config)
     check_trajectory(config)
     controller = build_controller(config)  # a law that refuses does so before any device opens
+    check_forces(config, controller)
     with ExitStack() as stack:
         rig = _open(config, bench or bench_of(config, seed), stack, controller)
         rig.stack = stack.pop_all()
@@ -238,25 +337,70 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
     for name, device in config.devices.items():
         driver, options = registry.load("hil.drivers", device.driver), device_options(config, name)
         wire = _wire(name, config, bench, boxes, taps)
-        with within(f"devices.{name}"):
+        with within(f"devices.{name}"), _step(name, device.driver, "cannot be opened"):
             devices[name] = opened = driver.open_device(name, wire, options, period)
-        stack.callback(opened.close)
+        stack.callback(_close, name, device.driver, opened)
     ports = [port_of(arm, config, devices) for arm in config.controller.arms]
     rig = Rig(devices, ports, controller)
     rig.boxes, rig.taps, rig.bench = boxes, taps, bench
+    rig.drivers = {name: device.driver for name, device in config.devices.items()}
     rig.origin_ns = bench.now_ns if bench is not None else 0
     _tare(rig)
     return rig
+
+
+def _step(name: str, driver: str, failed: str) -> AbstractContextManager[None]:
+    """A step of a device: what a plug-in's driver raises names both."""
+    what = f"device {name!r} (driver {driver!r}) {failed}"
+    return registry.blaming("hil.drivers", driver, what, DeviceError)
+
+
+def _close(name: str, driver: str, device: Device) -> None:
+    """Close a device; one of a plug-in that fails to is disabled at least, or it is said."""
+    try:
+        device.close()
+    except (Exception, SystemExit):
+        off = "it was disabled"
+        try:
+            device.disable()
+        except (Exception, SystemExit):
+            off = "its motors may still be on: take their power off"
+        with _step(name, driver, f"failed to close ({off})"):
+            raise
+
+
+def check_forces(config: RigConfig, controller: Controller) -> None:
+    """Refuse a law that reads the force of an arm which measures none.
+
+    Raises
+    ------
+    ConfigError
+        Names the law, the arm, and what to do.
+    """
+    fed = {c.arm for c in estimators.beside(controller) if c.feeds}
+    for row in getattr(estimators.law_of(controller), "needs_force", ()):
+        arm = config.controller.arms[row]
+        if row not in fed and not measures_force(config, arm):
+            mine = ", ".join(n for n, d in config.devices.items() if d.arm == arm) or "none"
+            raise ConfigError(
+                f"[controller]: the law {config.controller.name!r} reads the force on the tip of "
+                f"arm {arm!r}, and no device of that arm measures one (its devices: {mine}); add a "
+                "force sensor, an estimator of that arm with replaces_force = true, or take "
+                "parameters or a law that need no force there."
+            )
 
 
 def build_controller(config: RigConfig) -> Controller:
     """Law of the rig with its parameters, and the estimators beside it."""
     with within("controller"):
         law = registry.load("hil.controllers", config.controller.name)
-    given = config.controller.parameters
-    parameters = parse(law.Config, given, "controller.parameters")
-    with within("controller"):
-        built = _law(law, parameters, config)
+    name, given = config.controller.name, config.controller.parameters
+    with registry.blaming("hil.controllers", name, f"the law {name!r} cannot be built"):
+        parameters = parse(law.Config, given, "controller.parameters")
+        with within("controller"):
+            built = _law(law, parameters, config)
+        if not registry.own("hil.controllers", name):
+            built = _PlugInLaw(built, name)
     return estimators.accompanied(built, config)
 
 
@@ -269,8 +413,8 @@ def _law(law: Any, parameters: Any, config: RigConfig) -> Controller:
         return found
     d = len(config.arms[arms[0]].joints)
     if d != 3:
-        names = sorted(registry.names("hil.controllers"))
-        able = [n for n in names if getattr(registry.load("hil.controllers", n), "ANY_JOINTS", 0)]
+        laws = registry.loadable("hil.controllers")
+        able = [n for n, found in laws if getattr(found, "ANY_JOINTS", False)]
         raise ConfigError(
             f"the law {config.controller.name!r} is of arms of three joints, these have {d}; "
             f"laws for any number of joints are {', '.join(able)}"
@@ -298,8 +442,12 @@ def bench_of(config: RigConfig, seed: int) -> Any:
     return open_bench(arms or force_sensors(config), section, config.loop.period_ns, seed)
 
 
-def _wire(name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], taps: Taps) -> Wire:
-    """Wire of a device: through boxes where it has them, ideal otherwise."""
+def _wire(
+    name: str, config: RigConfig, bench: Any, boxes: Mapping[str, Any], taps: Taps
+) -> Wire | None:
+    """Wire of a device: through boxes where it has them, ideal in a simulation, or its own."""
+    if self_contained(config, name) and config.backend_of(name) not in SIMULATED:
+        return None
     if name not in wired(config):
         ideal: Wire = bench.wire(config.devices[name].arm)
         return ideal
@@ -319,5 +467,6 @@ def _tare(rig: Rig) -> None:
     """Tare the force sensors one after the other, while the arms rest."""
     for name, device in rig.devices.items():
         if isinstance(device, Tareable):
-            rig.origin_ns = device.tare(rig.origin_ns)
+            with _step(name, rig.drivers[name], "cannot be tared"):
+                rig.origin_ns = device.tare(rig.origin_ns)
             rig.biases[name] = [float(b) for b in device.bias]

@@ -11,7 +11,7 @@ from hil import registry
 from hil.errors import ConfigError, unknown
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, robot_source
-from hil.rig.open import Rig, build_controller
+from hil.rig.open import Rig, build_controller, check_forces
 from hil.signals import settable
 from hil.signals.device import Controller
 from hil.toml import parse
@@ -64,7 +64,10 @@ class Shop:
                 raise ConfigError(unknown("parameter", name, (f.name for f in fields(now))))
             listed = isinstance(getattr(now, name), tuple)
             parameters[name] = list(values) if listed or len(values) > 1 else values[0]
-        law = build_controller(self._with(self._config.controller.name, parameters))
+        config = self._with(self._config.controller.name, parameters)
+        law = build_controller(config)
+        if self._bounded:
+            check_forces(config, law)
         self._parameters = parameters
         return law
 

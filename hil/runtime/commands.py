@@ -15,7 +15,15 @@ RECORD = {"on": True, "off": False}
 
 
 class Operated(Protocol):
-    """What commands act on: the loop, between two ticks."""
+    """What commands act on: the loop, between two ticks.
+
+    Attributes
+    ----------
+    reason : int
+        Conditions for which the safety paused; 0 where it did not.
+    """
+
+    reason: int
 
     @property
     def powered(self) -> bool:
@@ -156,8 +164,10 @@ def _record(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
 
 
 def _home(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:
+    """To the middle posture; out of a pause of the safety only after `resume`."""
     _bare(words)
-    return _anew(shop.home())
+    begin = _anew(shop.home())
+    return lambda loop: None if loop.reason else begin(loop)
 
 
 def _set(words: Sequence[str], shop: Workshop) -> Callable[[Operated], None]:

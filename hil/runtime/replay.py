@@ -11,7 +11,7 @@ import dataclasses
 import json
 import struct
 import tempfile
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,10 +26,10 @@ from hil.record.container import Container, read
 from hil.record.schema import decode_joint_state, decode_numbers
 from hil.revision import source_revision
 from hil.rig import estimators, safety
+from hil.rig.check import measures_force, opens, self_contained
 from hil.rig.config import RigConfig
 from hil.rig.operator import Shop
 from hil.runtime import commands
-from hil.runtime.session import has_force
 from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.frame import GAUGES, TIMING, FrameLayout
 from hil.signals.state import OperatingState
@@ -70,7 +70,7 @@ def played(box: Container, folder: Path) -> RecordedInputs:
     needed = [
         f"/{a}/{c}"
         for a in config.controller.arms
-        for c in ("measured_js", "setpoint_jf", *(["measured_cf"] * has_force(config, a)))
+        for c in ("measured_js", "setpoint_jf", *(["measured_cf"] * _has_force(box, config, a)))
     ]
     needed += ["/rig/raw", "/loop/timing"]
     for name in needed:
@@ -86,6 +86,11 @@ def played(box: Container, folder: Path) -> RecordedInputs:
             f"session {box.path}: its records cannot be decoded, so it cannot be replayed "
             f"({type(error).__name__}: {error})"
         ) from error
+
+
+def _has_force(box: Container, config: RigConfig, arm: str) -> bool:
+    """Whether the law was given a recorded force; older sessions hold zeros where none was."""
+    return f"/{arm}/measured_cf" in box.topics or measures_force(config, arm)
 
 
 def _with_robots(box: Container, config: RigConfig, folder: Path) -> RigConfig:
@@ -111,7 +116,7 @@ def _arrays(box: Container, config: RigConfig, n: int) -> RecordedInputs:
         _, jf = decode_joint_state(box.topics[f"/{arm}/setpoint_jf"])
         for part, at in (("position", 0), ("velocity", d)):
             u[:, a, at : at + d] = _given(js[part], box, arm)[:n]
-        if has_force(config, arm):
+        if _has_force(box, config, arm):
             u[:, a, 2 * d :] = decode_numbers(box.topics[f"/{arm}/measured_cf"])[:n]
         sent[:, a] = _given(jf["effort"], box, arm)[:n]
         codes.append(raw[:, a, d : 2 * d])
@@ -217,6 +222,12 @@ class ReplayRun:
         self.period_ns = record.config.loop.period_ns
         self.zero_ns = self.tick = 0
         self.state = _ENABLED
+        #: Non-zero while the safety has paused, as of the loop.
+        self.reason = 0
+        self._asked = False
+        self._held = set(changes)
+        #: Recorded commands that would have undone the changes, with their ticks.
+        self.left_out: list[tuple[int, str]] = []
         self.drivers = [
             _driver(record.config, arm, record.scales) for arm in record.config.controller.arms
         ]
@@ -233,9 +244,11 @@ class ReplayRun:
         """To ENABLED."""
         if self.state == OperatingState.DISABLED:
             self.zero_ns = max(0, self.tick - 1) * self.period_ns
+        self.reason = 0
 
     def pause(self) -> None:
         """To PAUSED; the record says so."""
+        self._asked = True
 
     def finish(self) -> None:
         """End; the record says so."""
@@ -254,13 +267,11 @@ class ReplayRun:
         sent, codes = np.zeros_like(r.sent), np.zeros_like(r.codes)
         known = np.ones(r.ticks.size, bool)
         gap = np.diff(r.ticks, prepend=0) - np.diff(r.timing["missed"], prepend=0.0)
-        lost = False
+        lost, waiting = False, deque(sorted(r.commands))
         for k, tick in enumerate(r.ticks.tolist()):
-            self.tick = tick
-            for text in r.commands.get(tick, ()):
-                commands.parse(text, self.shop).apply(self)
+            self._obey(waiting, tick)
             lost = lost or gap[k] > 1
-            self.state = int(r.timing["state"][k])
+            self._enter(int(r.timing["state"][k]))
             if not lost:
                 self.row(k, sent[k], codes[k])
             known[k] = not lost
@@ -268,6 +279,28 @@ class ReplayRun:
                 self.x[:] = r.states[tick]
                 lost = False
         return sent, codes, known
+
+    def _obey(self, waiting: deque[int], tick: int) -> None:
+        """Commands up to a tick, but for those that set what the changes hold.
+
+        `waiting` holds ticks with commands, also those whose rows were not recorded.
+        """
+        self._asked = False
+        while waiting and waiting[0] <= tick:
+            self.tick = waiting.popleft()
+            for text in self.record.commands[self.tick]:
+                if text.startswith("set ") and text.split()[1] in self._held:
+                    self.left_out.append((self.tick, text))
+                else:
+                    commands.parse(text, self.shop).apply(self)
+        self.tick = tick
+
+    def _enter(self, state: int) -> None:
+        """State of a row; a pause that nobody asked for is one of the safety."""
+        paused = state == OperatingState.PAUSED != self.state
+        if paused and not self._asked:
+            self.reason = 1
+        self.state = state
 
     def row(self, k: int, sent: FloatArray, codes: FloatArray) -> None:
         """One tick: law if it ran, limits, conversion."""
@@ -278,27 +311,37 @@ class ReplayRun:
             self.x, self.x_next = self.x_next, self.x
         for a, driver in enumerate(self.drivers):
             safety.limit(y[a], u[a, self.joints : 2 * self.joints], *self.limits[a])
-            driver.servo_jf(y[a], sent[a])
+            if driver is None:
+                sent[a], codes[a] = y[a], self.record.codes[k, a]
+            else:
+                driver.servo_jf(y[a], sent[a])
+                codes[a] = getattr(driver, "codes", 0)
             if "conditions" in self.record.timing:
                 safety.snap(sent[a], safety.EFFORT_GRID)
-            codes[a] = driver.codes  # type: ignore[attr-defined]
 
 
-def _driver(config: RigConfig, arm: str, scales: Mapping[str, FloatArray]) -> ServoJf:
-    """Driver that takes the efforts of an arm, enabled on a wire to nowhere."""
+def _driver(config: RigConfig, arm: str, scales: Mapping[str, FloatArray]) -> ServoJf | None:
+    """Driver that takes the efforts of an arm, enabled on a wire to nowhere.
+
+    None for one that speaks to its device itself: a replay opens no device.
+    """
     for name, device in config.devices.items():
-        kind = registry.load("hil.drivers", device.driver)
-        if device.arm == arm and hasattr(kind.open_device, "servo_jf"):
-            options = parse(kind.Config, device.options, f"devices.{name}.options")
-            d = len(config.arms[arm].joints)
-            its = scales.get(name, np.ones((d, 3)))
-            if len(its) != d:
-                raise DataError(f"{name} has scales of {len(its)} drives for {d} joints of {arm}")
-            wire = _Nowhere(d, its)
-            driver = kind.open_device(name, wire, options, config.loop.period_ns * 1e-9)
-            driver.enable()
-            return driver  # type: ignore[no-any-return]
+        if device.arm == arm and hasattr(opens(config, name), "servo_jf"):
+            return None if self_contained(config, name) else _on_nowhere(config, name, scales)
     raise DataError(f"the rig file of the session has no device that drives arm {arm!r}")
+
+
+def _on_nowhere(config: RigConfig, name: str, scales: Mapping[str, FloatArray]) -> ServoJf:
+    device = config.devices[name]
+    kind = registry.load("hil.drivers", device.driver)
+    options = parse(kind.Config, device.options, f"devices.{name}.options")
+    d = len(config.arms[device.arm].joints)
+    its = scales.get(name, np.ones((d, 3)))
+    if len(its) != d:
+        raise DataError(f"{name} has scales of {len(its)} drives for {d} joints of {device.arm}")
+    driver = kind.open_device(name, _Nowhere(d, its), options, config.loop.period_ns * 1e-9)
+    driver.enable()
+    return driver  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -376,8 +419,11 @@ def replay(path: str | Path, changes: Mapping[str, float] | None = None) -> Repl
     with tempfile.TemporaryDirectory() as folder:
         record = played(box, Path(folder))
         out = Replayed(str(path), record.ticks.size)
-        _judge(record, *ReplayRun(record, dict(changes or {})).all(), out)
+        made = ReplayRun(record, dict(changes or {}))
+        _judge(record, *made.all(), out)
     _explain(box, out, changes)
+    for tick, text in made.left_out:
+        out.notes.append(f"the recorded command {text!r} of tick {tick} was left out")
     return out
 
 
@@ -406,9 +452,18 @@ def _judge(
         )
     if out.compared < out.ticks:
         out.notes.append(
-            f"{out.ticks - out.compared} rows follow rows that the ring dropped: the state of the "
+            f"{out.ticks - out.compared} rows follow rows that {_missing(r)}: the state of the "
             "law was unknown until the record gave it again"
         )
+
+
+def _missing(r: RecordedInputs) -> str:
+    """Why rows are not in the record."""
+    dropped = "dropped" in r.timing and np.any(np.diff(r.timing["dropped"], prepend=0.0) > 0.0)
+    told = [text for texts in r.commands.values() for text in texts]
+    why = ["the ring dropped"] if dropped else []
+    why += ["the operator did not record (record off)"] if "record off" in told else []
+    return " or that ".join(why) or "the record lacks"
 
 
 def _explain(box: Container, out: Replayed, changes: Mapping[str, float] | None) -> None:

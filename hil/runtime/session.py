@@ -27,6 +27,7 @@ from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
 from hil.revision import source_revision
 from hil.rig import estimators
+from hil.rig.check import measures_force
 from hil.rig.config import RigConfig, robot_source
 from hil.rig.open import Rig
 from hil.runtime.board import BoardWriter
@@ -43,12 +44,6 @@ def words(d: int) -> dict[str, str]:
     """Words of an arm of d joints on ``/rig/raw``, with their units."""
     groups = (("count", d, "count"), ("code", d, "DAC code"), ("gauge", GAUGES, "ADC word"))
     return {f"{name}{i + 1}": unit for name, n, unit in groups for i in range(n)}
-
-
-def has_force(config: RigConfig, arm: str) -> bool:
-    """Whether an arm records a force; one with its own URDF does where a sensor is on it."""
-    drivers = {d.driver for d in config.devices.values() if d.arm == arm}
-    return not config.arms[arm].own or "ft-sensor" in drivers
 
 
 def with_run_options(
@@ -81,7 +76,7 @@ def topics(
     for i, arm in enumerate(config.controller.arms):
         found.append((f"/{arm}/measured_js", layout.part("js", i)))
         found.append((f"/{arm}/setpoint_jf", layout.part("jf", i)))
-        if has_force(config, arm):
+        if measures_force(config, arm):
             found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
     first = layout.part("estimates").start
@@ -104,7 +99,7 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
         state = ("position", "velocity")
         found.append(Channel(f"/{arm}/measured_js", "joint_state", joints, state))
         found.append(Channel(f"/{arm}/setpoint_jf", "joint_state", joints, ("effort",)))
-        if has_force(config, arm):
+        if measures_force(config, arm):
             found.append(Channel(f"/{arm}/measured_cf", "wrench", frame="base"))
     raw = {
         f"{arm}_{word}": unit

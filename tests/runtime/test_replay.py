@@ -235,3 +235,53 @@ def test_a_session_that_anybody_wrote_is_replayed_or_refused(tmp_path, change, c
         writer.finish()
     assert main(["replay", str(tmp_path / "t.mcap")]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_a_value_of_the_command_line_rules_for_the_whole_replay(tmp_path):
+    path = tmp_path / "s.mcap"
+    schedule = [(0.2, "set force_scale 0.2"), (0.3, "set leader_damping 0.01")]
+    run(load_rig("teleop"), 0.5, 3, output=path, operator=Operator(schedule))
+    found = replay(path, {"force_scale": 0.6})
+    assert any("'set force_scale 0.2' of tick 201 was left out" in n for n in found.notes)
+    assert not any("leader_damping" in n for n in found.notes)
+    # the 200 ticks before the command, and those after it too
+    assert found.differ > 300
+
+
+def test_commands_while_nothing_is_recorded_have_their_time_and_are_replayed(tmp_path):
+    path = tmp_path / "s.mcap"
+    schedule = [
+        (0.5, "record off"),
+        (0.7, "note here"),
+        (0.8, "set force_scale 0.3"),
+        (1.0, "record on"),
+    ]
+    run(load_rig("teleop"), 1.5, 3, output=path, operator=Operator(schedule))
+    box = read(path)
+    events = box.topics["/events"]
+    told = [json.loads(raw) for raw in events.data]
+    at = {e["tick"]: s for e, s in zip(told, box.seconds(events), strict=True)}
+    for tick in (501, 701, 801, 1001):
+        assert at[tick] == pytest.approx(tick * 1e-3, abs=1e-9)
+    found = replay(path)
+    assert found.differ == 0
+    (why,) = [n for n in found.notes if "rows follow" in n]
+    assert "the operator did not record (record off)" in why and "the ring" not in why
+
+
+def test_home_leaves_no_pause_of_the_safety(tmp_path):
+    over = {"arms": {"leader": {"force_yellow": 0.4, "force_red": 0.5}}}
+    said, path = [], tmp_path / "s.mcap"
+    operator = Operator([(3.0, "home")], said.append)
+    done = run(load_rig("teleop", over), 3.2, 0, output=path, operator=operator)
+    assert done.paused and "force" in done.reason
+    assert any("home: PAUSED, as before: resume first" in text for text in said), said
+    assert replay(path).differ == 0
+
+
+def test_home_goes_on_after_a_pause_of_the_operator(tmp_path):
+    said, path = [], tmp_path / "s.mcap"
+    operator = Operator([(0.1, "pause"), (0.2, "home")], said.append)
+    done = run(load_rig("teleop"), 0.4, 3, output=path, operator=operator)
+    assert done.state == "ENABLED" and "tick 201: home: done, ENABLED" in said
+    assert replay(path).differ == 0
