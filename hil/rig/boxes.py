@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hil import registry
-from hil.errors import ConfigError, unknown
+from hil.errors import ConfigError, DeviceError, unknown
 from hil.rig.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig
 from hil.rig.frame_capture import Taps
 from hil.signals.bus import Bus
@@ -190,7 +190,9 @@ def open_box(
         plain = simulated[driver.BUS] if backend in SIMULATED else Bus(driver.BUS)
         bus = taps.recorded(name, plain)
     channels = used_channels(config, name)
-    box = driver.open_box(name, bus, table.address, options, channels)
+    what = f"box {name!r} (driver {table.driver!r}) cannot be opened"
+    with registry.blaming("hil.boxes", table.driver, what, DeviceError):
+        box = driver.open_box(name, bus, table.address, options, channels)
     stack.callback(box.close)
     return box
 

@@ -156,8 +156,9 @@ def accompanied(law: Controller, config: RigConfig) -> Controller:
 
 def _built(name: str, table: EstimatorConfig, period: float) -> Estimator:
     kind = registry.load("hil.estimators", table.name)
-    parameters = parse(kind.Config, table.parameters, f"estimators.{name}.parameters")
-    estimator: Estimator = kind.build(parameters, period)
+    with registry.blaming("hil.estimators", table.name, f"estimator {name!r} cannot be built"):
+        parameters = parse(kind.Config, table.parameters, f"estimators.{name}.parameters")
+        estimator: Estimator = kind.build(parameters, period)
     return estimator
 
 

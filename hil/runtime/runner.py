@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
+from hil import registry
 from hil.errors import ConfigError, DeviceError, HilError
 from hil.interrupt import Ended
 from hil.record.ring import Ring
@@ -382,14 +383,23 @@ def unwinding_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _kept(made: Session) -> Iterator[None]:
-    """Add to an error in mid-session where the record is."""
+    """Add to an error in mid-session where the record is, and which plug-in it is of."""
     try:
         yield
     except HilError as error:
-        if Path(made.output).exists() and str(made.output) not in str(error):
-            said = f"{str(error).rstrip('.')}. {made.output} holds what was recorded until then."
-            error.args = (said,)
+        if str(made.output) not in str(error):
+            error.args = (_with_record(str(error), made.output),)
         raise
+    except Exception as error:
+        blamed = registry.culprit(error)
+        if not blamed:
+            raise
+        raise DeviceError(_with_record(blamed, made.output)) from error
+
+
+def _with_record(said: str, output: Path) -> str:
+    kept = f"{output} holds what was recorded until then."
+    return f"{said.rstrip('.')}. {kept}" if output.exists() else said
 
 
 __all__ = ["CLOCKS", "Operator", "Session", "Summary", "run"]

@@ -134,7 +134,26 @@ open_device = Sensor
 def hidden(name, wire, config, period):
     return Sensor(name, wire, config, period)
 """
+ESTIMATOR = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Config:
+    pass
+
+class Estimator:
+    names, units, memory, force, corner_hz, message = ("a",), ("1",), 0, -1, 0.0, "Mine"
+
+    def update(self, phase, past, u, sent, now, out):
+        raise RuntimeError("boom")
+
+def build(parameters, period):
+    return Estimator()
+"""
 POINTS = """
+[hil.estimators]
+my-estimator = my_estimator
+
 [hil.controllers]
 my-law = my_law
 my-syntax = my_syntax
@@ -144,7 +163,14 @@ my-empty = my_empty
 my-arm = my_arm
 my-sensor = my_sensor
 """
-FILES = {"my_law": LAW, "my_arm": ARM, "my_sensor": SENSOR, "my_syntax": "x = (", "my_empty": ""}
+FILES = {
+    "my_estimator": ESTIMATOR,
+    "my_law": LAW,
+    "my_arm": ARM,
+    "my_sensor": SENSOR,
+    "my_syntax": "x = (",
+    "my_empty": "",
+}
 
 
 def install(folder, monkeypatch, points, name="my-rig"):
@@ -247,6 +273,14 @@ def test_a_driver_that_fails_is_named_with_its_device_and_its_plug_in(plugged, c
     text = said(capsys, of_arm(plugged, mode), output, 3)
     assert told in text
     assert (f"{output} holds what was recorded" in text) == (mode != "open")
+
+
+def test_an_estimator_that_fails_is_named(plugged, capsys):
+    path = of_law(plugged, "ok")
+    told = '[estimators.mine]\nname = "my-estimator"\narm = "leader"\n'
+    path.write_text(path.read_text() + told)
+    text = said(capsys, path, plugged / "s.mcap", 3)
+    assert "'my-estimator' of hil.estimators failed: RuntimeError: boom" in text
 
 
 def test_a_signal_is_no_error_of_the_law_that_it_hits(plugged, monkeypatch):
