@@ -5,6 +5,7 @@ tau_s = M q'' + C q' + N + tau_f - tau_c acts ON the robot; F = J^-T tau_s (thes
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -65,6 +66,12 @@ class ForcesConfig:
         if len(self.model) != 8 or self.corner_hz <= 0.0 or len(self.span) not in (0, 6):
             raise ConfigError(
                 "force estimator: model needs 8 numbers, span 6 or none, corner_hz must be positive"
+            )
+        numbers = (*self.model, *self.span, *self.lengths, self.corner_hz)
+        if not all(map(math.isfinite, numbers)) or min(self.lengths) <= 0 or not any(self.model):
+            raise ConfigError(
+                "force estimator: model, span and corner_hz must be finite, lengths positive, and "
+                "model not all 0"
             )
 
 

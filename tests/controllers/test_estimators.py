@@ -307,3 +307,18 @@ def test_the_networks_learn_what_coulomb_and_viscous_friction_cannot():
         gap = float(np.sum((goal[nodes] - m[nodes]) ** 2))
         assert gap <= distance * (1 + 1e-9)
         distance = gap
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"corner_hz": float("nan")},
+        {"model": (float("nan"),) * 8},
+        {"model": (0.0,) * 8},
+        {"lengths": (0.0, 0.2)},
+        {"span": (float("inf"),) * 6},
+    ],
+)
+def test_settings_of_a_force_estimator_are_numbers_of_an_arm(wrong):
+    with pytest.raises(ConfigError, match=r"must be finite, lengths positive|must be positive"):
+        forces.ForcesConfig(**wrong)
