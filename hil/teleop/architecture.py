@@ -18,6 +18,7 @@ c5 slave's own force, c6 master's own force, c7 slave's own motion, c8 master's 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
@@ -26,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError, unknown
-from hil.teleop.rational import Rational, pade
+from hil.teleop.rational import Rational
 
 MOTION = ("c1", "c4", "c7", "c8")
 FORCE = ("c2", "c3", "c5", "c6")
@@ -54,7 +55,8 @@ class MotionTerm:
         return MotionTerm(self.k + other.k, self.b + other.b, self.a + other.a)
 
     def __mul__(self, x: float) -> MotionTerm:
-        return MotionTerm(self.k * x, self.b * x, self.a * x)
+        # + 0.0: nothing has no sign
+        return MotionTerm(self.k * x + 0.0, self.b * x + 0.0, self.a * x + 0.0)
 
     def __neg__(self) -> MotionTerm:
         return self * -1.0
@@ -112,7 +114,19 @@ class Realisation:
                     f"{f.name} = {getattr(self, f.name)} must be finite, not negative"
                 )
 
+    def held(self, period: float) -> Realisation:
+        """The same with the delays that a loop has: whole ticks of a period [s]."""
+        forward, backward = (ticks(x, period) * period for x in (self.forward_s, self.backward_s))
+        return replace(self, forward_s=forward, backward_s=backward)
 
+
+def ticks(seconds: float, period: float) -> int:
+    """First tick of a period [s] by which what takes so many seconds has arrived."""
+    return math.ceil(seconds / period - _ROUND)
+
+
+#: Part of a tick that is rounding: 5 ms are five ticks of 1 ms.
+_ROUND = 1e-6
 IDEAL = Realisation()
 
 
@@ -154,6 +168,24 @@ class Design:
         return (1.0 + self.c5) * (1.0 + self.c6) - self.c2 * self.c3
 
 
+def require_finite(design: Design) -> None:
+    """Refuse a design with a gain that is no finite number.
+
+    Raises
+    ------
+    ConfigError
+        Naming the gain.
+    """
+    for name in (*MOTION, *FORCE):
+        value = getattr(design, name)
+        term = value if isinstance(value, MotionTerm) else MotionTerm(0.0, value)
+        if not np.isfinite([term.k, term.b, term.a]).all():
+            raise ConfigError(
+                f"design {design.name!r}: {name} = {value} is not finite; every gain must be a "
+                "finite number"
+            )
+
+
 @dataclass(frozen=True)
 class Blocks:
     """Blocks of Q f + R v = 0, Q = [[a, -b], [c, -d]], R = [[-Zm, c4], [c1, Zs]], v = (v_m, -v_s).
@@ -179,7 +211,7 @@ def blocks(design: Design, s: Any, real: Realisation = IDEAL) -> Blocks:
     design : Design
         Controller.
     s : complex array (n,) or Rational
-        Laplace variable [rad/s]; `Rational.s()` gives rational blocks, delays then by Pade.
+        Laplace variable [rad/s]; `Rational.s()` gives rational blocks, which have no delay.
     real : Realisation
         Filters and delays.
     """
@@ -206,7 +238,12 @@ def _filter(hz: float, s: Any) -> Any:
 def _delay(seconds: float, s: Any) -> Any:
     if seconds == 0.0:
         return 1.0
-    return pade(seconds) if isinstance(s, Rational) else np.exp(-seconds * s)
+    if isinstance(s, Rational):
+        raise ConfigError(
+            f"a delay of {1e3 * seconds:g} ms is no rational function of s; 'hybrid.poles' and "
+            "'hybrid.delay_margin' know loops with a delay, or leave forward_s and backward_s at 0"
+        )
+    return np.exp(-seconds * s)
 
 
 @dataclass(frozen=True)
@@ -489,7 +526,14 @@ def families(channels: int) -> list[Family]:
     ----------
     channels : int
         0 to 4.
+
+    Raises
+    ------
+    ConfigError
+        For another number.
     """
+    if channels not in range(len(LOCAL) + 1):
+        raise ConfigError(f"families of {channels} channels: there are {len(LOCAL)}, give 0 to 4")
     found = []
     for used in combinations(LOCAL, channels):
         gone = [c for c in LOCAL if c not in used]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.architecture import FORCE, Design
+from hil.teleop.architecture import FORCE, Design, require_finite
 from hil.teleop.hybrid import ComplexArray, FloatArray
 
 #: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
@@ -23,7 +23,8 @@ REFUSED = 9.0
 
 
 def q_matrix(design: Design) -> FloatArray:
-    """Q = [[1 + c6, -c2], [c3, -(1 + c5)]], shape (2, 2)."""
+    """Q = [[1 + c6, -c2], [c3, -(1 + c5)]], shape (2, 2); of finite gains."""
+    require_finite(design)
     return np.array([[1 + design.c6, -design.c2], [design.c3, -(1 + design.c5)]])
 
 
@@ -94,7 +95,17 @@ def nearest(design: Design, limit: float = REFUSED) -> Design:
     With the singular values s1 >= s2 of A = [[1 + c6, c2], [c3, 1 + c5]] = U diag(s1, s2) V^T and
     det U V^T > 0 the nearest diag is the projection of (s1, s2) on s1 = limit s2; a negative D
     counts as a negative s2.
+
+    Raises
+    ------
+    ConfigError
+        For gains that are not finite, and where none is nearest: Q = 0.
     """
+    if not q_matrix(design).any():
+        raise ConfigError(
+            f"design {design.name!r} has Q = 0 (c2 = c3 = 0, c5 = c6 = -1): no force acts on an "
+            "arm, and of the designs with D > 0 none is nearest; choose c5 and c6 above -1"
+        )
     a = np.array([[1 + design.c6, design.c2], [design.c3, 1 + design.c5]])
     u, s, vt = np.linalg.svd(a)
     if np.linalg.det(u) * np.linalg.det(vt) < 0:
@@ -162,6 +173,7 @@ def master_measured(design: Design) -> Design:
     ConfigError
         If c5 = -1: the slave's force does not show in its own motion.
     """
+    require_finite(design)
     d = 1 + design.c5
     if abs(d) < 1.0 / REFUSED:
         raise ConfigError(

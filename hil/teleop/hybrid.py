@@ -16,15 +16,15 @@ window would bias h12 by tens of percent); the scatter from period to period is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
-from hil.teleop.architecture import IDEAL, Blocks, Design, Realisation, blocks
-from hil.teleop.rational import Rational
+from hil.teleop.architecture import IDEAL, Blocks, Design, Realisation, blocks, require_finite
+from hil.teleop.rational import LateLoop, Rational
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -82,9 +82,16 @@ def hybrid(design: Design, s: Any, real: Realisation = IDEAL) -> ComplexArray:
     Raises
     ------
     ConfigError
-        Where the ports are not determined by the controller: c1 c2 = c3 c4 everywhere.
+        For a gain that is not finite, at s = 0, and where the ports are not determined by the
+        controller: c1 c2 = c3 c4.
     """
     s = np.atleast_1d(s)
+    require_finite(design)
+    if not (np.isfinite(s) & (s != 0.0)).all():
+        raise ConfigError(
+            f"design {design.name!r}: a hybrid matrix was asked for at s = 0 or at an s that is no "
+            "finite number; stiffness is k / s, so take a small s for rest, 1e-4j say"
+        )
     with np.errstate(divide="ignore", invalid="ignore"):  # told below, with its reason
         parts = [np.broadcast_to(h, s.shape) for h in _of_blocks(blocks(design, s, real))]
     h = np.stack([np.stack(parts[:2], -1), np.stack(parts[2:], -1)], -2)
@@ -127,18 +134,39 @@ def width(h: ComplexArray, w: FloatArray, ze_max: Impedance) -> FloatArray:
 def characteristic(design: Design, zh: Impedance, ze: Impedance, real: Realisation = IDEAL) -> Any:
     """Chi = (a z_h + Zm)(d z_e + Zs) - (b z_e + c4)(c z_h - c1), a `Rational` [(N s/m)^2].
 
-    For f_m = -z_h v_m and f_s = z_e v_s; its zeros are the poles of the closed loop.
+    For f_m = -z_h v_m and f_s = z_e v_s, without delay; its zeros are the poles of the closed loop.
     """
+    ahead, around = _ahead_and_around(design, zh, ze, real)
+    return ahead - around
+
+
+def _ahead_and_around(
+    design: Design, zh: Impedance, ze: Impedance, real: Realisation
+) -> tuple[Any, Any]:
+    """Both products of the characteristic equation, rational in s."""
     s = Rational.s()
     e = blocks(design, s, real)
     h, n = zh(s), ze(s)
-    return (e.a * h + e.Zm) * (e.d * n + e.Zs) - (e.b * n + e.c4) * (e.c * h - e.c1)
+    return (e.a * h + e.Zm) * (e.d * n + e.Zs), (e.b * n + e.c4) * (e.c * h - e.c1)
 
 
 def poles(
     design: Design, zh: Impedance = HAND, ze: Impedance = GEL, real: Realisation = IDEAL
 ) -> ComplexArray:
-    """Poles of the closed loop with operator and environment [rad/s]; delays by Pade."""
+    """Poles of the closed loop with operator and environment [rad/s], the rightmost first.
+
+    With a delay there is no end of them: those that matter, and all right of the imaginary axis,
+    which are counted; see `hil.teleop.rational.LateLoop`.
+
+    Raises
+    ------
+    ConfigError
+        For a number that is not finite, and where a delay leaves the poles unsure.
+    """
+    _known(design, zh, ze)
+    delay = real.forward_s + real.backward_s
+    if delay > 0.0:
+        return _late(design, zh, ze, real).roots(delay)
     return Rational.zeros(characteristic(design, zh, ze, real))
 
 
@@ -150,46 +178,35 @@ def delay_margin(
     Forward and backward channels meet in one loop: chi = P - L exp(-s T) with
     P = (a z_h + Zm)(d z_e + Zs), L = (b z_e + c4)(c z_h - c1).  A root crosses the axis at w
     with |L / P| = 1 once w T = arg(L / P) + 2 pi n; the smallest such T > 0 is the margin.
+    Exact at any delay that is there already: its crossings are counted from none on.
 
     Returns
     -------
     float
-        Infinite where no delay destabilises, 0 where the loop is unstable already.
+        Infinite where no delay destabilises, 0 where the loop is unstable already, drifts freely,
+        or bears no delay at all (a gain around it of 1 or more at the highest frequencies).
     """
-    if poles(design, zh, ze, real)[:1].real.max(initial=-1.0) >= 0.0:
-        return 0.0
-    w = np.geomspace(1e-2, 1e5, 20000)
-    ratio = _round_trip(design, zh, ze, real, w)
-    size = np.log(np.maximum(np.abs(ratio), 1e-300))
-    at = np.flatnonzero(size[:-1] * size[1:] < 0.0)
-    if not at.size:
-        return float("inf")
-    found = [_crossing(design, zh, ze, real, w[k], w[k + 1]) for k in at]
-    return float(min(found))
+    _known(design, zh, ze)
+    return _late(design, zh, ze, real).margin(real.forward_s + real.backward_s)
 
 
-def _round_trip(
-    design: Design, zh: Impedance, ze: Impedance, real: Realisation, w: FloatArray
-) -> ComplexArray:
-    s = jw(w)
-    e = blocks(design, s, real)
-    h, n = zh(s), ze(s)
-    around = (e.b * n + e.c4) * (e.c * h - e.c1)
-    out: ComplexArray = np.broadcast_to(around, s.shape) / ((e.a * h + e.Zm) * (e.d * n + e.Zs))
-    return out
+def _late(design: Design, zh: Impedance, ze: Impedance, real: Realisation) -> LateLoop:
+    """The loop for any delay."""
+    now = replace(real, forward_s=0.0, backward_s=0.0)
+    corners = [2 * np.pi * hz for hz in (real.velocity_hz, real.acceleration_hz, real.force_hz)]
+    ahead, around = _ahead_and_around(design, zh, ze, now)
+    return LateLoop.of(ahead, around, sorted({w for w in corners if w}))
 
 
-def _crossing(
-    design: Design, zh: Impedance, ze: Impedance, real: Realisation, low: float, high: float
-) -> float:
-    """Delay at the frequency between low and high where the round trip has gain 1 [s]."""
-    w = np.array([low, high])
-    for _ in range(60):
-        mid = np.array([np.sqrt(w[0] * w[1])])
-        ends = np.log(np.abs(_round_trip(design, zh, ze, real, np.append(w[:1], mid))))
-        w = np.array([mid[0], w[1]]) if ends[0] * ends[1] > 0 else np.array([w[0], mid[0]])
-    ratio = _round_trip(design, zh, ze, real, w[:1])
-    return float(np.mod(np.angle(ratio[0]), 2 * np.pi) / w[0])
+def _known(design: Design, zh: Impedance, ze: Impedance) -> None:
+    """Refuse a design, an operator or an environment with a number that is not finite."""
+    require_finite(design)
+    for what, z in (("operator", zh), ("environment", ze)):
+        if not np.isfinite([z.m, z.b, z.k]).all():
+            raise ConfigError(
+                f"{what}: m = {z.m:g} kg, b = {z.b:g} N s/m, k = {z.k:g} N/m; finite numbers are "
+                "needed"
+            )
 
 
 #: Condition of the pooled input spectrum above which H is not determined.
@@ -218,7 +235,20 @@ class Experiment:
     period: float
 
     def __post_init__(self) -> None:
-        if self.periods < 2 or self.vm.size % self.periods:
+        for name in ("vm", "fm", "vs", "fs"):
+            values = np.asarray(getattr(self, name))
+            if values.ndim != 1 or values.size != self.vm.size:
+                raise DataError(
+                    f"{name} has shape {values.shape} and vm {np.shape(self.vm)}; one row each of "
+                    "the same length is needed"
+                )
+            if not np.isfinite(values).all():
+                bad = int(np.sum(~np.isfinite(values)))
+                raise DataError(
+                    f"{name} has {bad} of {values.size} samples that are no finite number; leave "
+                    "out their periods, or fill the gaps"
+                )
+        if self.periods < 2 or self.vm.size == 0 or self.vm.size % self.periods:
             raise DataError(
                 f"{self.vm.size} samples are not {self.periods} whole periods (at least 2)"
             )
@@ -265,8 +295,10 @@ def estimate_hybrid(experiments: Sequence[Experiment], harmonic: int = 1) -> Mea
     Raises
     ------
     DataError
-        If the experiments do not tell v_m and f_s apart.
+        If there is none, or the experiments do not tell v_m and f_s apart.
     """
+    if not experiments:
+        raise DataError("no experiment: two at least are needed, in different environments")
     parts = [e.spectra(harmonic) for e in experiments]
     lengths = {e.vm.size // e.periods * e.period for e in experiments}
     if len(lengths) != 1:

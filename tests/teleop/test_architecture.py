@@ -216,3 +216,123 @@ def test_unknown_designs_and_bad_wishes_are_refused():
         architecture.Wish(stiffness=-1.0)
     with pytest.raises(ConfigError, match="positive"):
         RobotImpedance(0.0)
+
+
+# ------------------------------------------------------------ loops with a delay
+
+
+def roots_right(d, zh, ze, real, radius=4000.0):
+    """Roots right of the axis by the argument principle, with the exact exponential; and chi."""
+    gv, ga, gf = (
+        (lambda s, hz=hz: 1.0 / (1.0 + s / (2 * np.pi * hz)) if hz else 1.0 + 0.0 * s)
+        for hz in (real.velocity_hz, real.acceleration_hz, real.force_hz)
+    )
+
+    def term(c, s):
+        return c.k + c.b * gv(s) * s + c.a * ga(s) * s * s
+
+    def chi(s):
+        """Characteristic equation times s^2."""
+        h, n = zh.m * s * s + zh.b * s + zh.k, ze.m * s * s + ze.b * s + ze.k
+        zm, zs = (r.m * s * s + r.b * s for r in (d.master, d.slave))
+        a, b, c, e = 1 + d.c6 * gf(s), d.c2 * gf(s), d.c3 * gf(s), 1 + d.c5 * gf(s)
+        ahead = (a * h + zm + term(d.c8, s)) * (e * n + zs + term(d.c7, s))
+        around = (b * n + term(d.c4, s)) * (c * h - term(d.c1, s))
+        return ahead - around * np.exp(-s * (real.forward_s + real.backward_s))
+
+    y = np.concatenate([np.linspace(0, 100, 60001), np.linspace(100, radius, 60001)[1:]])
+    edge = 1e-4 + 1j * np.concatenate([-y[:0:-1], y])
+    arc = 1e-4 + radius * np.exp(1j * np.linspace(np.pi / 2, -np.pi / 2, 8001))
+    turns = np.unwrap(np.angle(chi(np.concatenate([edge, arc[1:]]))))
+    return -round((turns[-1] - turns[0]) / (2 * np.pi)), chi
+
+
+def drawn(rng, k):
+    """Random design, with filters or without."""
+    name = ("position-force", "position-error", "four-channel")[k % 3]
+    wish = architecture.Wish(
+        stiffness=rng.uniform(50, 800),
+        damping=rng.uniform(0.5, 10),
+        master_stiffness=rng.uniform(50, 800),
+        master_damping=rng.uniform(0.5, 12),
+        share=rng.uniform(0.1, 1.0),
+        motion_scale=rng.uniform(0.5, 2.0),
+        force_scale=rng.uniform(0.5, 2.0),
+        master=RobotImpedance(0.1),
+        slave=RobotImpedance(0.07),
+    )
+    filtered = name == "four-channel" or k % 2
+    real = replace(REAL, acceleration_hz=3.0) if filtered else hybrid.IDEAL
+    return architecture.named_design(name, wish), real
+
+
+@pytest.mark.parametrize("each", [0.002, 0.05, 0.2, 0.3, 0.5, 1.5])
+def test_poles_and_margins_at_any_delay_are_those_of_the_argument_principle(each):
+    rng, verdicts = np.random.default_rng(3), []
+    for k in range(9):
+        d, real = drawn(rng, k)
+        late = replace(real, forward_s=each, backward_s=0.7 * each)
+        count, chi = roots_right(d, HAND, GEL, late)
+        found = hybrid.poles(d, HAND, GEL, late)
+        assert np.sum(found.real > 1e-4) == count, (k, d.name)
+        top = found[0]
+        assert abs(chi(top)) < 1e-6 * abs(chi(top * (1 + 1e-3)) - chi(top * (1 - 1e-3)))
+        margin = hybrid.delay_margin(d, HAND, GEL, late)
+        assert (margin == 0.0) == (count > 0)
+        verdicts.append(count > 0)
+        if 0.0 < margin < 5.0:
+            for share, unstable in ((0.98, 0), (1.02, 2)):
+                more = replace(late, forward_s=each + share * margin)
+                assert roots_right(d, HAND, GEL, more)[0] == unstable
+    assert any(verdicts) == (each > 0.01)
+
+
+def test_a_loop_that_bears_no_delay_at_all_is_told():
+    """Without filters, a gain of more than 1 at the highest frequencies."""
+    d = replace(anchor(), c3=8.0, c4=MotionTerm(-180, -12, -0.5))
+    assert hybrid.delay_margin(d) == 0.0
+    with pytest.raises(ConfigError, match=r"no end of unstable poles .* 1 is needed; give the"):
+        hybrid.poles(d, HAND, GEL, Realisation(forward_s=0.1))
+    with pytest.raises(ConfigError, match="no rational function of s"):
+        hybrid.characteristic(d, HAND, GEL, Realisation(forward_s=0.1))
+
+
+def test_one_way_and_free_loops_have_their_poles_over_a_delay():
+    late = Realisation(forward_s=0.2, backward_s=0.3)
+    d = replace(anchor(), c2=0.0, c4=MotionTerm())  # nothing comes back
+    np.testing.assert_allclose(hybrid.poles(d, HAND, GEL, late), hybrid.poles(d), atol=1e-6)
+    assert hybrid.delay_margin(d, HAND, GEL, late) == float("inf")
+    free = architecture.named_design("position-error")  # its place drifts
+    damper = Impedance(0.0, 5.0, 0.0)
+    found = hybrid.poles(free, damper, damper, late)
+    assert np.abs(found).min() == 0.0
+    assert np.sum(found.real > 1e-4) == roots_right(free, damper, damper, late)[0]
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda d: hybrid.poles(replace(d, c2=NAN)), "c2 = nan is not finite"),
+        (lambda d: hybrid.delay_margin(replace(d, c2=NAN)), "c2 = nan is not finite"),
+        (lambda d: hybrid.hybrid(replace(d, c2=NAN), 1j), "c2 = nan is not finite"),
+        (lambda d: hybrid.hybrid(replace(d, c1=MotionTerm(NAN)), 1j), "c1 = .*is not finite"),
+        (lambda d: hybrid.hybrid(d, 0.0), "at s = 0"),
+        (lambda d: hybrid.poles(d, Impedance(NAN)), "operator: m = nan kg"),
+        (lambda d: hybrid.delay_margin(d, HAND, Impedance(0, np.inf)), "environment: .*b = inf"),
+        (lambda d: architecture.families(-1), "families of -1 channels"),
+        (lambda d: architecture.families(7), "families of 7 channels"),
+    ],
+)
+def test_what_is_no_design_is_refused_by_name(ask, said):
+    with pytest.raises(ConfigError, match=said):
+        ask(anchor())
+
+
+def test_nothing_has_no_sign():
+    d = architecture.named_design(
+        "position-error", architecture.Wish(master_stiffness=0.0, master_damping=0.0)
+    )
+    assert [np.copysign(1.0, x) for x in (d.c4.k, d.c4.b, d.c4.a)] == [1.0, 1.0, 1.0]

@@ -168,3 +168,19 @@ def test_the_slave_force_alone_is_singular_at_minus_one():
     with pytest.raises(ConfigError, match="c5"):
         force_sensor_free.master_measured(replace(anchor(), c5=-1.0))
     assert RobotImpedance(0.3).term == MotionTerm(0, 0, 0.3)
+
+
+def test_gains_that_are_no_numbers_and_no_forces_at_all_are_told():
+    for made in (
+        force_sensor_free.transform,
+        force_sensor_free.nearest,
+        force_sensor_free.master_measured,
+        force_sensor_free.conditioning,
+    ):
+        with pytest.raises(ConfigError, match="c2 = nan is not finite"):
+            made(replace(anchor(), c2=float("nan")))
+    none = replace(anchor(), c5=-1.0, c6=-1.0, c2=0.0, c3=0.0)
+    for made in (force_sensor_free.nearest, force_sensor_free.transform):
+        with pytest.raises(ConfigError, match=r"Q = 0 .* choose c5 and c6 above -1"):
+            made(none)
+    assert force_sensor_free.nearest(replace(none, c5=-0.9)).D > 0.0

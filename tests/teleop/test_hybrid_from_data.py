@@ -90,3 +90,13 @@ def test_sessions_of_the_rig_show_the_predicted_matrix(tmp_path):
     assert rows["h21"].error < 0.05
     assert rows["h22"].error < 0.05
     assert rows["h11"].error < 0.3
+
+
+def test_data_that_are_no_experiment_are_told():
+    rows = dict.fromkeys(("vm", "fm", "vs", "fs"), np.arange(100.0))
+    with pytest.raises(DataError, match=r"fm has shape \(80,\) and vm \(100,\)"):
+        Experiment(**{**rows, "fm": np.ones(80)}, periods=2, period=1e-3)
+    with pytest.raises(DataError, match="vs has 100 of 100 samples that are no finite number"):
+        Experiment(**{**rows, "vs": np.full(100, np.nan)}, periods=2, period=1e-3)
+    with pytest.raises(DataError, match="no experiment: two at least"):
+        hybrid.estimate_hybrid([])
