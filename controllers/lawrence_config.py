@@ -5,8 +5,9 @@ compiled with these offsets, and the cache of numba looks at their own file alon
 something here deletes controllers/__pycache__.
 
 The channel says which sample has arrived by which tick; its delay is constant or varies, and
-packets are lost.  Every tick one packet leaves; it arrives after its own delay or never.  The
-receiver holds the newest packet that it has.  The schedule is drawn once from a seed and repeats.
+packets are lost.  Every tick one packet leaves; it arrives after its own delay or never.  It is
+used from the first tick on at which it is there, and the receiver holds the newest packet that it
+has.  The schedule is drawn once from a seed and repeats.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from hil.models import catalogue
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
 from hil.teleop import lawrence_filters
+from hil.teleop.architecture import ticks
 
 #: Ticks after which a schedule repeats.
 CYCLE = 8192
@@ -37,7 +39,7 @@ class ChannelConfig:
     Parameters
     ----------
     delay : float
-        Shortest delay [s], rounded to whole ticks.
+        Shortest delay [s].  A packet is used from the first tick on by which it has arrived.
     jitter : float
         Packets take up to so much longer [s], uniformly distributed.
     loss : float
@@ -54,6 +56,14 @@ class ChannelConfig:
         if self.delay + self.jitter > 2.0:
             raise ConfigError("channel: at most 2 s of delay and jitter.")
 
+    def told(self, period: float, least: int = 0) -> str:
+        """Ticks of a period [s] that a packet takes, `least` at least, for people."""
+        ends = [max(ticks(x, period), least) for x in (self.delay, self.delay + self.jitter)]
+        both = sorted(set(ends))
+        times = " to ".join(f"{1e3 * n * period:g}" for n in both)
+        lost = f", {100 * self.loss:g} % lost" if self.loss else ""
+        return f"{times} ms ({' to '.join(map(str, both))} ticks){lost}"
+
 
 def schedule(config: ChannelConfig, period: float, seed: int) -> NDArray[np.int64]:
     """Age in ticks of the newest packet that has arrived, per tick of a cycle (CYCLE,).
@@ -68,10 +78,10 @@ def schedule(config: ChannelConfig, period: float, seed: int) -> NDArray[np.int6
         Of jitter and loss.
     """
     rng = np.random.default_rng([seed, 0xC4A])
-    base = round(config.delay / period)
     # two cycles, so that the second one starts with packets under way
     n = 2 * CYCLE
-    travel = base + np.floor(rng.uniform(0.0, config.jitter / period + 1e-12, n)).astype(np.int64)
+    takes = config.delay + rng.uniform(0.0, config.jitter, n)
+    travel = np.array([ticks(x, period) for x in takes])
     arrives = np.where(rng.uniform(size=n) < config.loss, n + CYCLE, np.arange(n) + travel)
     newest = np.full(n, -1, np.int64)
     sent = np.flatnonzero(arrives < n)

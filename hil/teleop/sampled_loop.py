@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from hil.errors import ConfigError
 from hil.teleop import lawrence_filters
-from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation
+from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation, ticks
 from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
@@ -151,7 +151,7 @@ class Axis:
         real = loop.real
         corners = np.array([real.velocity_hz, real.acceleration_hz, real.force_hz])
         self._shares = np.where(corners > 0, 1 - np.exp(-2 * np.pi * corners * period), 1.0)
-        self.ages = (round(real.forward_s / period), round(real.backward_s / period))
+        self.ages = (ticks(real.forward_s, period), ticks(real.backward_s, period))
         if max(self.ages) > _LONGEST:
             raise ConfigError(f"delays above {_LONGEST} ticks are not checked in sampled time")
         robots = (loop.design.master, loop.design.slave)

@@ -129,7 +129,8 @@ def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
     pull = moved[:, 1, 0] - moved[0, 1, 0]
     assert np.flatnonzero(np.abs(pull) > 1e-9)[0] == 1 + 4
     ages = lawrence_config.schedule(ChannelConfig(0.005, 0.003, 0.2), T, seed=3)
-    assert ages.min() == 5 and 8 <= ages.max() < 40
+    # what takes 5 to 8 ms has arrived by the ticks 6 to 8
+    assert ages.min() == 6 and 8 <= ages.max() < 40
     # the newest packet only ever gets newer
     assert (np.diff(np.arange(ages.size) - ages) >= 0).all()
     assert (lawrence_config.schedule(ChannelConfig(0.005), T, 0) == 5).all()
@@ -138,6 +139,42 @@ def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
     assert lawrence_config.mean_delay(ChannelConfig(0.005), T) == pytest.approx(0.005)
     with pytest.raises(ConfigError, match="loss"):
         ChannelConfig(loss=1.0)
+
+
+@pytest.mark.parametrize(
+    ("delay", "jitter", "least", "most"),
+    [
+        (0.0, 0.0, 0, 0),
+        (0.005, 0.0, 5, 5),
+        (0.3, 0.0, 300, 300),
+        (0.0005, 0.0, 1, 1),
+        (0.0015, 0.0, 2, 2),
+        (0.0025, 0.0, 3, 3),
+        (0.0123, 0.0, 13, 13),
+        (0.0, 0.0009, 1, 1),
+        (0.0, 0.005, 1, 5),
+        (0.0102, 0.0003, 11, 11),
+    ],
+)
+def test_no_packet_is_used_before_it_arrives(delay, jitter, least, most):
+    way = ChannelConfig(delay, jitter)
+    ages = lawrence_config.schedule(way, T, seed=3)
+    assert ages.min() == least and ages.max() == most
+    assert (ages * T >= delay - 1e-9).all()
+    # the gate and the command have the longest of them
+    assert architecture.ticks(delay + jitter, T) == most
+    assert f"{most} ticks)" in way.told(T)
+
+
+def test_packets_arrive_at_the_tick_after_their_own_delay():
+    """Draws of the same seed, whose newest packets are sought one by one."""
+    way, n = ChannelConfig(0.0023, 0.004, 0.2), lawrence_config.CYCLE
+    rng = np.random.default_rng([5, 0xC4A])
+    there = np.arange(2 * n) * T + 0.0023 + rng.uniform(0.0, 0.004, 2 * n)
+    there[rng.uniform(size=2 * n) < 0.2] = np.inf
+    ages = lawrence_config.schedule(way, T, seed=5)
+    for k in range(n, n + 300):
+        assert ages[k - n] == k - np.flatnonzero(there <= k * T + 1e-8)[-1]
 
 
 def test_inverse_dynamics_is_that_of_the_library():
