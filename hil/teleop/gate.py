@@ -152,7 +152,7 @@ def _beside(loop: SampledLoop, period: float) -> list[_Member]:
 
     While an arm slides, Coulomb friction damps no small oscillation about the sliding.
     """
-    if max(*loop.friction, *loop.compensated) == 0.0:
+    if not any((*loop.friction, *loop.compensated)):
         return _judged(loop, period, 0.0)
     fast = _judged(_sliding(loop), period, 2 * np.pi * _FAST_HZ * period)
     return [
@@ -288,7 +288,8 @@ def _refusal(loop: SampledLoop, period: float) -> str:
         if member.unstable:
             here = loop.within() if member.within else loop
             return f"{member.text}: {_why(here, member, period)}"
-    total = loop.real.forward_s + loop.real.backward_s
+    real = loop.real.held(period)  # the loop has whole ticks
+    total = real.forward_s + real.backward_s
     least = min(found, key=lambda m: m.delay_s)
     if total <= min(least.delay_s, _LONGEST):
         return ""
@@ -315,11 +316,27 @@ def _why(loop: SampledLoop, member: _Member, period: float) -> str:
         f"this pair is stable on paper, with its rightmost pole at {pole:.3g} rad/s, "
         f"but not when sampled every {1e3 * period:.3g} ms with these "
         f"filters: a mode of {hz:.3g} Hz grows by {np.log(size) / period:.3g} /s (eigenvalue "
-        f"{size:.5f}, at most 1); {_advice(loop, hz)}"
+        f"{size:.5f}, at most 1); {_advice(here, member, hz, period)}"
     )
 
 
-def _advice(loop: SampledLoop, hz: float) -> str:
+def _holds(loop: SampledLoop, member: _Member, period: float) -> bool:
+    """Whether the loop is stable with the member's operator and environment, without delay."""
+    return dominant_mode(loop, member.zh, member.ze, period)[0] <= 1.0 + GROWTH
+
+
+def _advice(loop: SampledLoop, member: _Member, hz: float, period: float) -> str:
+    """What to change: first of all a part without which this member is stable."""
+    quiet = replace(loop, disturbance=0.0)
+    plain = replace(loop, compensated=(0.0, 0.0))
+    pulls = -min(loop.compensated)
+    if loop.disturbance and _holds(quiet, member, period):
+        return "lower observer_hz or disturbance"
+    if pulls > 0.0 and _holds(plain, member, period):
+        return (
+            f"its compensation of friction brakes by {pulls:.3g} N s/m at the tip, as the friction "
+            "of leader_effects, leader_friction or the follower's is negative: check the signs"
+        )
     if any(getattr(loop.design, c).a for c in MOTION):
         return (
             "lower acceleration_hz, or go further from the estimation singularity (smaller c2 c3)"

@@ -143,7 +143,7 @@ def tip_mass(pi: Any, pose: Any) -> FloatArray:
 
 
 def realisation(law: LawParameters) -> Realisation:
-    """Filters, and the longest delay of each channel."""
+    """Filters, and the longest delay of each channel; a loop has whole ticks of it."""
     return Realisation(
         law.velocity_hz,
         law.acceleration_hz,
@@ -242,10 +242,11 @@ def _friction(law: LawParameters) -> tuple[FloatArray, FloatArray]:
     """Damping at the tip: the arms' own for certain, and the compensation's, (2, 3) [N s/m].
 
     Both are secants of the declared friction.  What is compensated must be declared, so that a
-    share up to `_CERTAIN` adds no energy; a larger one may, as negative damping.
+    share up to `_CERTAIN` adds no energy; a larger one may, as negative damping.  Friction that is
+    declared negative is none of the arms' own, and its compensation a damper, as the law has it.
     """
     inverse = np.linalg.inv(Premium(()).jacobian(np.asarray([law.pose], float))[0])
-    slopes = [np.maximum(law.friction(arm, _SPEED), 0.0) / _SPEED for arm in range(2)]
+    slopes = [law.friction(arm, _SPEED) / _SPEED for arm in range(2)]
     tip = np.array([np.diag(inverse.T @ np.diag(s) @ inverse) for s in slopes])
     own = np.maximum(_CERTAIN * tip, np.reshape(law.friction_damping, (2, 1)))
     return own, law.friction_share * tip
