@@ -1,4 +1,4 @@
-"""Teleoperation over a channel with delay, jitter and loss, kept passive in one of four ways.
+"""Teleoperation over a channel with delay, jitter and loss, in one of four ways.
 
 operator -> leader --place, speed, energy--> follower -> environment
               ^------- force, energy ------'
@@ -8,7 +8,10 @@ the goal's drift made up for (Coelho, Singh, Kanoulas & Hulin 2018).  `"waves"`:
 sums (Niemeyer & Slotine 2004), limited to the energy that arrived (Yokokohji, Imaida & Yoshikawa
 1999).  `"tanks"`: two layers with energy tanks (Franken et al. 2011).  `"model"`: model-mediated
 (Mitra & Niemeyer 2008), the environment identified at the follower, rendered at the leader.
-Virtual fixtures (`hil.controllers.fixtures`) can stand beside any of them.
+The first three bound the energy that the channel gives out: to what was put in and
+`reserve` as far as it counts (over the steps of place), to what was put in, to that and the tanks at the start.  Nothing bounds it with `"model"`, whose follower
+pushes towards where the leader was.  Virtual fixtures (`hil.controllers.fixtures`) can stand beside
+any of them.
 """
 
 from __future__ import annotations
@@ -423,7 +426,7 @@ class DelayedConfig:
             _need(f"wall.{name}", value, value >= 0.0, "0 or more")
 
     def settable(self) -> dict[str, SettableRange]:
-        """What an operator may set; the coupling stays passive for all of it."""
+        """What an operator may set; none of it lets the channel give out more."""
         return {
             "force_scale": SettableRange(0.0, 1.0),
             "leader_damping": SettableRange(0.0, 0.05, "N m s/rad"),

@@ -38,8 +38,8 @@ from hil.userfile import read_text, write_text
 TITLE = "Design of a teleoperation controller"
 #: Figure of merit -> format, unit and what it should be.
 ROWS = (
-    ("sensitivity", "dz_t/dz_e, rms 0.2-5 Hz", "1 = transparent"),
-    ("sensitivity_dc", "dz_t/dz_e at rest", ""),
+    ("sensitivity", "dz_t/dz_e / (kp kf), rms 0.2-5 Hz", "1 = transparent"),
+    ("sensitivity_dc", "dz_t/dz_e / (kp kf) at rest", ""),
     ("tracking_free", "tracking error to 1 Hz, free", "0"),
     ("tracking_contact", "tracking error to 1 Hz, contact", "0"),
     ("width", "width of impedance [N s/m]", "large"),
@@ -136,8 +136,9 @@ def page(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
         (
             summary.bode_plot(axes),
             "bode",
-            "Hybrid matrix; transparent is h11 = h22 = 0, h12 = 1, "
-            "h21 = -1. Dashed: ideal; solid: with filters and delays.",
+            f"Hybrid matrix; transparent is h11 = h22 = 0, h12 = {axes[0].design.force_scale:g}, "
+            f"h21 = {-axes[0].design.motion_scale:g}. Dashed: ideal; solid: with filters and "
+            "delays.",
         ),
         (
             summary.impedance_plot(axes),
@@ -203,7 +204,7 @@ REPORT = "design"
 #: The law, its schemes by what `--design` calls them, and what each of them costs.
 DELAYED = "delayed"
 SCHEMES: Mapping[str, str] = {
-    "passivity": "about half of the stiffness at 30 ms; less with every further millisecond",
+    "passivity": "half of the stiffness even without delay, a third at 30 ms, a tenth at 300 ms",
     "waves": "soft beyond 10 ms: the stiffness felt is about `wave` over the delay",
     "tanks": "as passivity, with more drag; little stiffness is left at 300 ms",
     "model": "nothing while the environment stands still; a new contact is felt a round trip late",
@@ -295,7 +296,10 @@ def run(args: argparse.Namespace) -> int:
     law_type = registry.load("hil.controllers", "lawrence").Config
     law = parse(law_type, parameters, "controller.parameters")
     period = config.loop.period_ns * 1e-9
-    loops = law_parameters.loops_of(law)
+    loops = [
+        dataclasses.replace(loop, real=loop.real.held(period))
+        for loop in law_parameters.loops_of(law)
+    ]
     found = [summarise(loop, period, settings.get("weight", 0.0)) for loop in loops]
     trouble = _trouble(loops, period) or _with_estimators(config, parameters)
     if args.report:
@@ -304,6 +308,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         terminal.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
+        notes = [*notes, *_channels(law, period)]
         terminal.out(text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
     if trouble:
         raise ConfigError(f"{args.output or 'this design'} is {_not(args.output)}: {trouble}")
@@ -312,6 +317,14 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             terminal.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
     return 0
+
+
+def _channels(law: Any, period: float, least: int = 0) -> list[str]:
+    """What the loop makes of channels that are not at once."""
+    if law.forward == law.backward == type(law.forward)():
+        return []
+    there, back = (way.told(period, least) for way in (law.forward, law.backward))
+    return [f"channel in ticks of {1e3 * period:g} ms: there {there}; back {back}"]
 
 
 #: Laws of two whole arms that are judged as they stand in the rig file, and what of them makes an
@@ -370,14 +383,25 @@ def coupling_text(name: str, found: gate.CoupledMargin, period: float, trouble: 
     )
 
 
-_CHANNEL = (
-    "  delay          the channel gives out no more energy than was put in, whatever its",
-    "                 delay, jitter and loss: no margin is looked for",
-)
-_MODEL = (
-    "  delay          the leader touches a model of the environment, and no force goes through the",
-    "                 channel: no margin is looked for",
-)
+#: What bounds the energy that comes out of the channel, by scheme; no margin is looked for.
+_CHANNEL = {
+    "passivity": (
+        "whatever delay, jitter and loss, the channel",
+        "gives out little more energy than was put in and the reserve of each axis and side",
+    ),
+    "waves": (
+        "whatever delay, jitter and loss, the channel",
+        "gives out no more energy than was put in",
+    ),
+    "tanks": (
+        "whatever delay, jitter and loss, what moves an",
+        "arm is taken from its tank, full at the start, which braking the arm fills",
+    ),
+    "model": (
+        "no force goes through the channel, and the",
+        "leader touches a model; nothing bounds the energy by which the follower is moved late",
+    ),
+}
 
 
 def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mapping[str, Any]) -> int:
@@ -391,6 +415,8 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
     delayed = registry.load("hil.controllers", DELAYED)
     own = config.controller.name == DELAYED
     given: dict[str, Any] = session.plain(config.controller.parameters) if own else {}
+    if config.controller.name == "lawrence":
+        given = _scaled(args, session.plain(config.controller.parameters))
     given |= {"scheme": args.design} if args.design else {}
     given |= {k: int(v) if k == "seed" else v for k, v in settings.items()}
     controller = dataclasses.replace(config.controller, name=DELAYED, parameters=given)
@@ -407,7 +433,8 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
         told |= {"refused": trouble, "borne": delayed.borne(period)}
         terminal.emit({"schema": "hil.design/1", **told, "asked": delayed.asked(law, period)})
     else:
-        terminal.out(delayed_text(law, delayed.asked(law, period), delayed.borne(period), trouble))
+        told_text = delayed_text(law, delayed.asked(law, period), delayed.borne(period), trouble)
+        terminal.out("\n  ".join([told_text, *_channels(law, period, 1)]))
     if trouble:
         raise ConfigError(f"{args.output or 'this design'} is refused: {trouble}")
     if args.output:
@@ -416,6 +443,17 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
         if not args.json:
             terminal.out(f"\n{args.output}: run it with 'hil run {args.output} -o s.mcap'")
     return 0
+
+
+def _scaled(args: argparse.Namespace, own: Mapping[str, Any]) -> dict[str, Any]:
+    """The force scale of a rig of c1..c8 for a law over a delay, which scales no motion."""
+    if own.get("motion_scale", 1.0) != 1.0:
+        raise ConfigError(
+            f"{args.rig} has motion_scale = {own['motion_scale']:g}, and --design {args.design} "
+            "moves the follower as far as the leader; set motion_scale = 1 in "
+            f"[controller.parameters], or choose {', '.join(architecture.DESIGNS)}"
+        )
+    return {"force_scale": own["force_scale"]} if "force_scale" in own else {}
 
 
 def delayed_text(law: Any, asked: Mapping[str, float], most: float, trouble: str) -> str:
@@ -433,7 +471,7 @@ def delayed_text(law: Any, asked: Mapping[str, float], most: float, trouble: str
             terminal.table(["spring and damper", "K T + 2 B [N s/m]"], rows),
             f"  each must be below {most:.3g} N s/m: more, a rotor before its cable does not bear",
             "",
-            *(_MODEL if law.scheme == "model" else _CHANNEL),
+            "  delay          " + ("\n" + 17 * " ").join(_CHANNEL[law.scheme]),
             f"  what it costs  {SCHEMES[law.scheme]}",
             "                 drag and stiffness of all schemes over delay: 'hil bench teleop'",
             f"  {verdict}",
@@ -458,7 +496,8 @@ def _parameters(
                 f"--design: {', '.join(CHOICES)}"
             )
     given |= rig_designs.models(_models(args.model), config)
-    given |= {k: v for k, v in settings.items() if k in rig_designs.REAL}
+    known = rig_designs.REAL + (rig_designs.SCALES if args.design else ())
+    given |= {k: v for k, v in settings.items() if k in known}
     wishes = {k: v for k, v in settings.items() if k in rig_designs.WISHES}
     law_type = registry.load("hil.controllers", "lawrence").Config
     base = parse(law_type, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "controller.parameters")
@@ -481,7 +520,8 @@ def _parameters(
             f"Hz, in 1 and 10 N s/m); {best.refused} of {best.tried} would be nearer but do not run"
         ]
     else:
-        designs = rig_designs.designs(args.design, wishes, arms)
+        scales = {k: getattr(base, k) for k in rig_designs.SCALES}
+        designs = rig_designs.designs(args.design, scales | wishes, arms)
     if args.fsf:
         designs = _without_sensors(base, designs, period)
     return given | law_parameters.table(designs), notes
@@ -502,6 +542,10 @@ def _without_sensors(base: Any, designs: Sequence[Design], period: float) -> lis
     return [force_sensor_free.transform(d, runs=runs) for d in designs]
 
 
+#: What is not made from wishes, the scales apart.
+_NO_WISHES = (None, "optimised", "transparent")
+
+
 def _fits(
     name: str | None,
     wishes: Mapping[str, Any],
@@ -510,14 +554,17 @@ def _fits(
 ) -> None:
     """Refuse settings that the chosen design does not read."""
     wrong = [] if name == "optimised" else list(task)
-    wrong += list(wishes) if name in (None, "optimised", "transparent") else []
+    kept = rig_designs.SCALES if name else ()
+    wrong += [w for w in wishes if w not in kept] if name in _NO_WISHES else []
     wrong += [] if name == "transparent" else list(search)
     if wrong:
+        scales = ", ".join(rig_designs.SCALES)
         raise ConfigError(
             f"--set {wrong[0]} means nothing for "
             f"{f'--design {name}' if name else 'the controller of the rig file'}; "
             f"named designs read {', '.join(rig_designs.WISHES)}, --design optimised "
-            f"{', '.join(rig_designs.TASK)}, --design transparent {', '.join(rig_designs.SEARCH)}"
+            f"{scales}, {', '.join(rig_designs.TASK)}, --design transparent {scales}, "
+            f"{', '.join(rig_designs.SEARCH)}"
         )
 
 

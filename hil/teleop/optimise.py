@@ -2,7 +2,9 @@
 
 Stage I (SO) maximises the weighted sensitivity abs(dz_t/dz_e) over eight parameters,
 
-    c_i = theta_i (1 + corner/s), i = 1, 4, 7, 8 (c4 negative),   c_2, c_3, c_5, c_6 numbers,
+    c_i = theta_i (1 + corner/s), i = 1, 4, 7, 8 (c4 negative),   c_2, c_3, c_5, c_6 numbers
+
+with kp theta_1, theta_4 / kp, kf theta_2 and theta_3 / kf where motion or force is scaled,
 
 under tracking in free space and in contact, stability for every passive operator and every
 environment of a bounded set, existence of the force-sensor-free form, and bounds.  Stage II
@@ -31,6 +33,9 @@ ORDER = ("c1", "c2", "c3", "c4", "c5", "c6", "c7", "c8")
 _FORCES = np.array([False, True, True, False, True, True, False, False])
 
 
+_POSITIVE = ("stiffness", "force", "corner", "free", "contact")
+
+
 @dataclass(frozen=True)
 class DesignProblem:
     """What a design must do.
@@ -55,6 +60,8 @@ class DesignProblem:
         Filters and delays.
     weight : float
         Exponent of the sensitivity's weight w^n; see `hil.teleop.summary.weighted`.
+    motion_scale, force_scale : float
+        kp and kf: v_s = kp v_m and f_m = kf f_s are the goals.
     """
 
     master: RobotImpedance = field(default_factory=lambda: RobotImpedance(0.3))
@@ -70,13 +77,15 @@ class DesignProblem:
     kappa: float = 1.5
     real: Realisation = IDEAL
     weight: float = 0.0
+    motion_scale: float = 1.0
+    force_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "force", "corner", "free", "contact"):
+        for name in (*_POSITIVE, "motion_scale", "force_scale"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise ConfigError(
-                    f"optimised design: {name} = {getattr(self, name)}; bounds and tolerances must "
-                    "be positive and finite"
+                    f"optimised design: {name} = {getattr(self, name)}; bounds, tolerances and "
+                    "scales must be positive and finite"
                 )
         if self.kappa <= 1.0:
             raise ConfigError(f"optimised design: kappa = {self.kappa:.3g} must exceed 1")
@@ -118,19 +127,21 @@ class DesignSearch:
         """Controller of scaled parameters."""
         t, c = x * self.top, self.p.corner
         v = dict(zip(ORDER, t.tolist(), strict=True))
-        one = MotionTerm(c, 1.0)
+        one, kp, kf = MotionTerm(c, 1.0), self.p.motion_scale, self.p.force_scale
         return Design(
-            c1=one * v["c1"],
-            c4=one * -v["c4"],
+            c1=one * (kp * v["c1"]),
+            c4=one * (-v["c4"] / kp),
             c7=one * v["c7"],
             c8=one * v["c8"],
-            c2=v["c2"],
-            c3=v["c3"],
+            c2=kf * v["c2"],
+            c3=v["c3"] / kf,
             c5=v["c5"],
             c6=v["c6"],
             master=self.p.master,
             slave=self.p.slave,
             name="optimised",
+            motion_scale=kp,
+            force_scale=kf,
         )
 
     def refine(self, x: FloatArray) -> bool:
@@ -145,17 +156,18 @@ class DesignSearch:
         return bool(new.size)
 
     def sensitivity(self, x: FloatArray) -> float:
-        """sigma_c."""
+        """sigma_c: 1 is transparent, as dz_t/dz_e = kp kf."""
         h = hybrid.hybrid(self.design(x), hybrid.jw(self.w), self.p.real)
         ze = self.p.environment(hybrid.jw(self.w))
-        return weighted(hybrid.sensitivity(h, ze), self.w, self.p.weight)
+        goal = self.p.motion_scale * self.p.force_scale
+        return weighted(hybrid.sensitivity(h, ze), self.w, self.p.weight) / goal
 
     def constraints(self, x: FloatArray) -> dict[str, FloatArray]:
         """Slacks, positive = met, each scaled to about 1."""
         p, d = self.p, self.design(x)
         h = hybrid.hybrid(d, self.s, p.real)
         slow, wide = h[self.ends[0] : self.ends[1]], h[self.ends[1] :]
-        touch = tracking(slow, p.environment(hybrid.jw(self.slow)), 1.0)
+        touch = tracking(slow, p.environment(hybrid.jw(self.slow)), p.motion_scale)
         least = passivity.half_disc(wide, self.largest)
         chi = hybrid.characteristic(
             d, p.operator, p.environment, replace(p.real, forward_s=0.0, backward_s=0.0)
@@ -163,7 +175,7 @@ class DesignSearch:
         pole = float(np.roots(chi.num).real.max())
         q = {} if np.isinf(p.kappa) else {"fsf": np.array([1 - _condition_ratio(d, p.kappa)])}
         return {
-            "free tracking": 1 - tracking(slow, 0.0, 1.0) / p.free,
+            "free tracking": 1 - tracking(slow, 0.0, p.motion_scale) / p.free,
             "contact tracking": 1 - touch / p.contact,
             "stability": (np.maximum(least, -20.0) - _STABILITY_MARGIN) / 10.0,
             "poles": np.array([-(pole + 0.5) / 10.0]),

@@ -43,6 +43,8 @@ REAL = (
     "disturbance",
     "observer_hz",
 )
+#: Goals that every design has, and the rig file has already.
+SCALES = ("motion_scale", "force_scale")
 #: Bounds and tolerances of an optimised design, as in `hil.teleop.optimise.DesignProblem`.
 TASK = ("max_stiffness", "max_force", "corner", "free", "contact", "kappa", "weight")
 #: What the search for a transparent design reads.
@@ -136,7 +138,7 @@ def optimised(
     arms : Arms
         Masses.
     law : LawrenceConfig
-        Filters, delays, operator and environment.
+        Filters, delays, scales, operator and environment.
     """
     names = {"max_stiffness": "stiffness", "max_force": "force"}
     chosen: dict[str, Any] = _ON_THE_RIG | {names.get(k, k): v for k, v in task.items()}
@@ -148,6 +150,8 @@ def optimised(
             environment=Impedance(*law.environment),
             operator=Impedance(*law.operator),
             real=law_parameters.realisation(law),
+            motion_scale=law.motion_scale,
+            force_scale=law.force_scale,
         )
         start = found[0].theta if found else None
         found.append(optimise.optimise(replace(problem, **chosen), start))

@@ -35,8 +35,8 @@ class DesignSummary:
     missed : tuple of str
         Conditions of transparency that fail, with what they should be.
     sensitivity, sensitivity_dc : float
-        Weighted rms of abs(dz_t/dz_e) over 0.2 to 5 Hz about the environment, and its value at
-        rest; transparent = 1.
+        Weighted rms of abs(dz_t/dz_e) / (kp kf) over 0.2 to 5 Hz about the environment, and its
+        value at rest; transparent = 1, as f_m = kf f_s and v_s = kp v_m make z_t = kp kf z_e.
     tracking_free, tracking_contact : float
         Largest abs(1 - v_s / (kp v_m)) to 1 Hz in free space and against the environment.
     width : float
@@ -109,6 +109,7 @@ def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSu
         Of the sensitivity, see `weighted`.
     """
     d, ze = loop.design, next((z for z in loop.environments if z != FREE), hybrid.GEL)
+    goal = d.motion_scale * d.force_scale
     w, slow = band(), 2 * np.pi * np.geomspace(0.02, _TRACKING, 40)
     wide, near, far = (hybrid.hybrid(d, hybrid.jw(x), loop.real) for x in (GRID, w, slow))
     sampled = force_sensor_free.sampled_condition(d, loop.real.acceleration_hz, period)
@@ -118,8 +119,8 @@ def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSu
         loop.axis,
         d.name,
         tuple(c.text for c in architecture.conditions(d) if not c.holds),
-        weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w, weight),
-        float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])),
+        weighted(hybrid.sensitivity(near, ze(hybrid.jw(w))), w, weight) / goal,
+        float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])) / goal,
         float(tracking(far, 0.0, d.motion_scale).max()),
         float(gap.max()),
         float(hybrid.width(near, w, _LARGEST).min()),

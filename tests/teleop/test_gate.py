@@ -216,6 +216,104 @@ def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp
     assert main(["run", str(own), "-o", str(tmp_path / "s.mcap"), "--seconds", "1.5"]) == 0
 
 
+def test_a_delay_counts_in_the_ticks_that_the_loop_has(tmp_path, capsys):
+    """1.6 ms are two ticks, which this loop does not bear; its margin is 1.7 ms."""
+    words = ["design", "lawrence", "--design", "position-error", "--set", "velocity_hz=1e6"]
+    own = tmp_path / "edge.toml"
+    for delay in ("0.0016", "0.002", "0.0011"):
+        assert main([*words, "--set", f"forward={delay}", "-o", str(own)]) == 2
+        said = capsys.readouterr()
+        assert "round-trip delay of 2 ms is beyond the margin of 1.7 ms" in said.err
+        assert "channel in ticks of 1 ms: there 2 ms (2 ticks); back 0 ms (0 ticks)" in said.out
+    assert main([*words, "--set", "forward=0.0009", "-o", str(own)]) == 0
+    # the whole map with two ticks has an eigenvalue beyond 1 somewhere in the set
+    law = law_of("position-error", {}, velocity_hz=1e6, forward={"delay": 0.0016})
+    loop = loops_of(law)[0]
+    sizes = [
+        sampled_loop.dominant_mode(replace(one, tip=loop.tips[0]), zh, ze, T)[0]
+        for one in (loop, gate._sliding(loop))
+        for zh in loop.operators
+        for ze in loop.environments
+    ]
+    assert max(sizes) > 1.0 + 1e-4
+
+
+def test_the_compensation_of_negative_friction_is_judged_and_named():
+    """It brakes by its damping, which the cable bears no more than that of c8."""
+    given = dict(RIG.controller.parameters) | {"friction_share": 0.9}
+
+    def negative(value):
+        effects = {f"j{j}.viscous.fv": value for j in (1, 2, 3)}
+        return loops_of(given | {"leader_effects": effects})
+
+    loops = negative(-0.3)
+    assert loops[0].compensated[0] < -5.0 and loops[0].friction[0] == 0.2
+    with pytest.raises(ConfigError, match=r"brakes by .* N s/m at the tip, .* check the signs"):
+        gate.refuse(loops, T)
+    c8 = loops[0].design.c8
+    design = replace(loops[0].design, c8=replace(c8, b=c8.b - loops[0].compensated[0]))
+    damper = replace(loops[0], compensated=(0.0, 0.0), design=design)
+    assert not gate.passes(damper, T)
+    assert all(gate.passes(x, T) for x in negative(-0.001))
+
+
+@pytest.mark.parametrize("setting", ["observer_hz=5", "disturbance=0.1"])
+def test_the_advice_against_an_observer_is_to_lower_it(setting, capsys):
+    words = ["design", "lawrence", "--set", "disturbance=1", "--set", "observer_hz=20"]
+    assert main(words) == 2
+    assert capsys.readouterr().err.strip().endswith("; lower observer_hz or disturbance")
+    assert main([*words, "--set", setting]) == 0
+
+
+# ------------------------------------------------------------ scales of motion and force
+
+SCALED = {"motion_scale": 3.0, "force_scale": 0.2}
+
+
+def scaled_rig(tmp_path, **changes):
+    law = dict(RIG.controller.parameters) | SCALED | changes
+    own = dataclasses.replace(RIG.controller, parameters=law)
+    path = tmp_path / "scaled.toml"
+    path.write_text(to_toml(plain(dataclasses.replace(RIG, controller=own))))
+    return str(path)
+
+
+@pytest.mark.parametrize("name", ["position-error", "position-force", "transparent", "optimised"])
+def test_a_new_design_keeps_the_scales_of_the_rig(name, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(rig_designs, "_STIFFNESS", (60.0, 120.0))
+    monkeypatch.setattr(rig_designs, "_DAMPING", (0.3, 0.6))
+    monkeypatch.setattr(rig_designs.optimise, "_OPTIONS", {"maxiter": 15, "ftol": 1e-3})
+    own = tmp_path / "own.toml"
+    words = ["design", scaled_rig(tmp_path, acceleration_hz=5.0), "--design", name, "-o", str(own)]
+    if name.startswith("position"):
+        words += ["--set", "stiffness=60", "--set", "damping=0.3", "--set", "master_damping=0.3"]
+    assert main(words) == 0, capsys.readouterr().err
+    law = load_rig(own).controller.parameters
+    assert {k: law[k] for k in SCALED} == SCALED
+    if name.startswith("position"):
+        assert law["c1"][0] == pytest.approx(3.0 * law["c7"][0])
+
+
+def test_a_law_over_a_delay_keeps_the_force_scale_and_no_other(tmp_path, capsys):
+    own = tmp_path / "own.toml"
+    words = ["--design", "waves", "-o", str(own)]
+    assert main(["design", scaled_rig(tmp_path), *words]) == 2
+    assert "has motion_scale = 3, and --design waves moves" in capsys.readouterr().err
+    assert main(["design", scaled_rig(tmp_path, motion_scale=1.0), *words]) == 0
+    assert load_rig(own).controller.parameters["force_scale"] == 0.2
+
+
+def test_a_scaled_transparent_design_is_told_to_be_so(tmp_path, capsys):
+    """z_t = kp kf z_e: over kp kf the slope is 1, whatever the scales."""
+    words = ["--design", "four-channel", "--set", "motion_scale=3", "--set", "force_scale=0.2"]
+    page = tmp_path / "d.html"
+    assert main(["design", "lawrence", *words, "--report", str(page)]) == 2
+    said = capsys.readouterr().out
+    rest = re.search(r"dz_t/dz_e / \(kp kf\) at rest +([\d.]+)", said)
+    assert float(rest[1]) == pytest.approx(1.0, rel=1e-3) and "transparent: yes" in said
+    assert "h12 = 0.2, h21 = -3." in page.read_text()
+
+
 # ------------------------------------------------------------ a law of two whole arms
 
 

@@ -117,3 +117,22 @@ def test_the_sensitivity_is_that_of_the_whole_band(found):
 def test_a_weight_that_is_no_number_is_refused():
     with pytest.raises(ConfigError, match="weight = nan"):
         replace(PROBLEM, weight=float("nan"))
+
+
+def test_scales_are_a_change_of_units_of_the_leader(found):
+    """With v_m' = kp v_m and f_m' = f_m / kf the two-port is the one without scales."""
+    kp, kf = 2.0, 0.5  # kp kf = 1: the leader's impedance is the same in the other units
+    one = DesignSearch(PROBLEM)
+    two = DesignSearch(replace(PROBLEM, motion_scale=kp, force_scale=kf))
+    x = np.clip(np.array(found.theta) / one.top, 0.0, 1.0)
+    a, b = one.design(x), two.design(x)
+    assert (b.motion_scale, b.force_scale) == (kp, kf)
+    s = hybrid.jw(np.geomspace(0.1, 300, 50))
+    h, scaled = hybrid.hybrid(a, s, REAL), hybrid.hybrid(b, s, REAL)
+    np.testing.assert_allclose(scaled * np.array([[1, 1 / kf], [1 / kp, 1]]), h, rtol=1e-9)
+    assert two.sensitivity(x) == pytest.approx(one.sensitivity(x))
+    for name, slack in one.constraints(x).items():
+        if name != "fsf":  # Q has the other gains
+            np.testing.assert_allclose(two.constraints(x)[name], slack, rtol=1e-6, atol=1e-9)
+    with pytest.raises(ConfigError, match="force_scale = 0"):
+        replace(PROBLEM, force_scale=0.0)
