@@ -3,6 +3,7 @@
 import base64
 import gc
 import hashlib
+import pkgutil
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 from test_blocks import DOCS, PAGES, ROOT
 
+from hil import registry
 from hil.cli import COMMANDS
 
 SITE = ROOT / "mkdocs.yml"
@@ -41,6 +43,28 @@ def test_files_that_pages_name_exist():
         if PRINTED not in page.parents:
             for name in names.findall(page.read_text(encoding="utf-8")):
                 assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_python_names_that_pages_give_exist():
+    """Whole names on every page; of teleoperation's list each one, in `hil.teleop` if short."""
+    pages = "".join(p.read_text(encoding="utf-8") for p in DOCS.glob("*.md"))
+    names = set(re.findall(r"`(hil(?:\.[A-Za-z_]\w*)+)(?:\([^`]*\))?`", pages))
+    page = (DOCS / "teleoperation.md").read_text(encoding="utf-8").partition("## From Python")[2]
+    module = ""
+    for name in re.findall(r"`((?:hil\.)?\w*\.[\w.]+)`", page):
+        whole = f"{module}{name}" if name.startswith(".") else name
+        whole = whole if whole.startswith("hil.") else f"hil.teleop.{whole}"
+        module = whole.rpartition(".")[0]
+        names.add(whole)
+    assert len(names) > 30 and "hil.teleop.force_sensor_free.nearest" in names
+    missing = []
+    groups = registry.BUILT_IN.keys() | {"hil.effects"}  # of entry points: no modules
+    for name in sorted(names - groups):
+        try:
+            pkgutil.resolve_name(name)
+        except (AttributeError, ImportError):
+            missing.append(name)
+    assert not missing
 
 
 def test_pictures_are_small_and_made_by_the_script():
