@@ -8,10 +8,11 @@ the goal's drift made up for (Coelho, Singh, Kanoulas & Hulin 2018).  `"waves"`:
 sums (Niemeyer & Slotine 2004), limited to the energy that arrived (Yokokohji, Imaida & Yoshikawa
 1999).  `"tanks"`: two layers with energy tanks (Franken et al. 2011).  `"model"`: model-mediated
 (Mitra & Niemeyer 2008), the environment identified at the follower, rendered at the leader.
-The first three bound the energy that the channel gives out: to what was put in and
-`reserve` as far as it counts (over the steps of place), to what was put in, to that and the tanks at the start.  Nothing bounds it with `"model"`, whose follower
-pushes towards where the leader was.  Virtual fixtures (`hil.controllers.fixtures`) can stand beside
-any of them.
+
+What the channel gives out is bounded to what was put in by `"waves"`, beside the tanks at the start
+by `"tanks"`, and beside `reserve` by `"passivity"`, as far as it counts: the force's work over the
+steps of place.  Nothing bounds it with `"model"`, whose follower pushes towards where the leader
+was.  Virtual fixtures (`hil.controllers.fixtures`) can stand beside any of them.
 """
 
 from __future__ import annotations
