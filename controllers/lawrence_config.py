@@ -58,7 +58,8 @@ class ChannelConfig:
 
     def told(self, period: float, least: int = 0) -> str:
         """Ticks of a period [s] that a packet takes, `least` at least, for people."""
-        ends = [max(ticks(x, period), least) for x in (self.delay, self.delay + self.jitter)]
+        soonest = self.delay + min(self.jitter, 1e-3 * period)  # none varies by nothing
+        ends = [max(ticks(x, period), least) for x in (soonest, self.delay + self.jitter)]
         both = sorted(set(ends))
         times = " to ".join(f"{1e3 * n * period:g}" for n in both)
         lost = f", {100 * self.loss:g} % lost" if self.loss else ""
