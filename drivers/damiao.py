@@ -138,7 +138,7 @@ class DamiaoArm:
             options = dict(config.velocity_options)
             self._velocity = estimator(config.velocity, options, d, period)
             self._rate, self._pace = np.zeros(d), self._position / period
-        self._period_ns, self._last_ns = round(period * 1e9), 0
+        self._period_ns, self._last_ns, self._begun = round(period * 1e9), 0, False
         self.codes = np.zeros(d, np.int64)
 
     @property
@@ -160,6 +160,9 @@ class DamiaoArm:
         if self._velocity is not None:
             steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
             self._last_ns = t_ns
+            if not self._begun:  # where the arm rests is known from the first reading on
+                self._begun = True
+                self._velocity.reset(self.counts)
             self._velocity.update(self.counts, steps, self._rate)
         joint_state(
             self.counts, self._rate, self._zero, self._position, self._pace, position, velocity

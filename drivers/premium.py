@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import fabs, floor, isfinite
+from math import fabs, floor, inf, isfinite
 from typing import Any
 
 import numba as nb
@@ -18,6 +18,21 @@ from hil.errors import ConfigError, DeviceError
 from hil.signals.device import FloatArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 from hil.signals.velocity import estimator
+
+#: Joints of the arm, and the robot that the constants are of.
+JOINTS, ROBOT = 3, "phantom-premium-1.5"
+#: Bits of a DAC; boxes take codes of 16 bits.
+FEWEST_BITS, MOST_BITS = 8, 16
+_TURNED = " {0} get a minus before their places in channels.{1}, e.g. '-BOX/0'."
+_MOTORS = _TURNED.format("Amplifiers that invert and motors that turn the other way", "motors")
+#: Option that is above 0 -> what stands for its sign.
+_POSITIVE = {
+    "counts_per_turn": _TURNED.format("Encoders that count the other way", "encoders"),
+    "torque_constant": _MOTORS,
+    "amps_per_volt": _MOTORS,
+    "dac_volts": _MOTORS,
+    "stall_torque": "",
+}
 
 
 @dataclass(frozen=True)
@@ -34,7 +49,8 @@ class PremiumConfig:
     torque_constant : float
         Maxon RE25 118743 [N m/A].
     amps_per_volt, dac_volts, dac_bits : float, float, int
-        Amplifier [A/V] and its DAC.
+        Amplifier [A/V] and its DAC; all above 0.  An amplifier that inverts gets a minus before
+        its place in ``channels.motors``.
     stall_torque : float
         Of the motor [N m].
     home : tuple of 3 floats
@@ -58,8 +74,73 @@ class PremiumConfig:
     velocity_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.home) != 3:
+        if len(self.home) != JOINTS:
             raise ConfigError("home: three joint angles [rad] are needed.")
+        for name, hint in _POSITIVE.items():
+            value = getattr(self, name)
+            if not 0.0 < value < inf:
+                raise ConfigError(f"{name} = {value:g}; a number above 0 is needed.{hint}")
+        if not FEWEST_BITS <= self.dac_bits <= MOST_BITS:
+            raise ConfigError(
+                f"dac_bits = {self.dac_bits}; {FEWEST_BITS} to {MOST_BITS} is needed, the bits of "
+                "the DAC before the amplifier."
+            )
+        self._refuse_gear()
+        if self.top < 1:
+            raise ConfigError(
+                f"stall_torque = {self.stall_torque:g} N m is less than one code of the DAC, "
+                f"{self.motor_step:.3g} N m, so no torque could go out; compare it with "
+                "torque_constant, amps_per_volt, dac_volts and dac_bits."
+            )
+
+    def _refuse_gear(self) -> None:
+        """Refuse what turns no motor angles into joint angles."""
+        size = [len(row) for row in self.gear]
+        if size != [JOINTS] * JOINTS:
+            raise ConfigError(
+                f"gear has {len(size)} rows of {size} numbers; three rows of three are needed, "
+                "motor angles = gear @ joint angles."
+            )
+        gear = np.array(self.gear)
+        if not np.isfinite(gear).all() or np.linalg.matrix_rank(gear) < JOINTS:
+            raise ConfigError(
+                f"gear = {[list(row) for row in self.gear]} cannot be inverted: a joint moves no "
+                "motor, or two joints move the motors alike; give each joint the reduction of its "
+                "cable drive."
+            )
+
+    @property
+    def motor_step(self) -> float:
+        """Motor torque of one code [N m]."""
+        volts = self.dac_volts / (1 << (self.dac_bits - 1))
+        return volts * self.amps_per_volt * self.torque_constant
+
+    @property
+    def top(self) -> int:
+        """Largest code: of the stall torque, or of the DAC."""
+        return min(int(self.stall_torque / self.motor_step), (1 << (self.dac_bits - 1)) - 1)
+
+    def refuse_arm(self, arm: str, robot: str, joints: int) -> None:
+        """Refuse an arm that this driver or its constants are not of.
+
+        Parameters
+        ----------
+        arm, robot : str
+            Name of the arm, and its preset; that is empty for a URDF.
+        joints : int
+            How many joints the arm has.
+        """
+        if joints != JOINTS:
+            raise ConfigError(
+                f"the driver reads three encoders and drives three motors, and arm {arm!r} has "
+                f"{joints} joints; name the driver of its drives."
+            )
+        if robot not in ("", ROBOT) and self.gear == PremiumConfig.gear:
+            raise ConfigError(
+                f"the reductions and motors of the driver are those of {ROBOT}, and arm {arm!r} is "
+                f"a {robot!r}; set robot = {ROBOT!r}, or give the arm's own gear, "
+                "counts_per_turn, torque_constant, amps_per_volt and stall_torque as options."
+            )
 
 
 @nb.njit(cache=True, nogil=True)
@@ -152,15 +233,12 @@ class PremiumArm:
         gear = np.array(config.gear)
         # theta = gear^-1 * 2 pi / counts_per_turn * counts
         self._to_joint = np.linalg.inv(gear) * (2 * np.pi / config.counts_per_turn)
-        volts = config.dac_volts / 2 ** (config.dac_bits - 1)
-        motor = volts * config.amps_per_volt * config.torque_constant
         # tau = gear^T tau_motor
-        self._to_effort = gear.T * motor
+        self._to_effort = gear.T * config.motor_step
         self._to_code = np.linalg.inv(self._to_effort)
-        stall = int(config.stall_torque / motor)
-        self._top = min(stall, 2 ** (config.dac_bits - 1) - 1)
+        self._top = config.top
         self._period_ns = round(period * 1e9)
-        self._last_ns = 0
+        self._last_ns, self._begun = 0, False
         # counts = floor(gear theta counts_per_turn / 2 pi)
         at_home = gear @ np.array(config.home) * config.counts_per_turn / (2 * np.pi)
         wire.home(np.floor(at_home).astype(np.int64))
@@ -177,7 +255,7 @@ class PremiumArm:
     @property
     def effort_limit(self) -> FloatArray:
         """Largest joint effort that a single DAC can ask for [N m] (3,)."""
-        return np.asarray(np.diag(self._to_effort) * self._top)
+        return np.asarray(np.abs(self._to_effort).max(axis=1) * self._top)
 
     def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
         """Write position [rad] and velocity [rad/s] (3,) at `t_ns`.
@@ -187,6 +265,9 @@ class PremiumArm:
         status = self._wire.receive(t_ns)
         steps = max(1, (t_ns - self._last_ns + self._period_ns // 2) // self._period_ns)
         self._last_ns = t_ns
+        if not self._begun:  # where the arm rests is known from the first reading on
+            self._begun = True
+            self._velocity.reset(self.counts)
         self._velocity.update(self.counts, steps, self._rate)
         joint_state(self.counts, self._rate, self._to_joint, self._period, position, velocity)
         if status is _LOST:

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.drivers import damiao_can as codec
+from hil.drivers.damiao import DamiaoArm, DamiaoArmConfig
 from hil.drivers.damiao_can import DamiaoBusConfig
 from hil.errors import ConfigError, DeviceError
+from hil.rig.boxes import BoxPlace, CanDrives
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import Frame
 from hil.testing import Tolerance, check_driver
@@ -170,3 +172,16 @@ def test_two_answers_of_one_drive_are_one():
 def test_options_out_of_range_are_refused(options, said):
     with pytest.raises(ConfigError, match=said):
         DamiaoBusConfig(**options)
+
+
+def test_an_estimated_speed_begins_where_the_arm_rests():
+    far = DrivesFar()
+    box = codec.open_box("bus", far.bus, "can0", far.config, tuple(range(1, 7)))
+    wire = CanDrives("arm", [(box, BoxPlace("bus", k + 1, 1)) for k in range(6)])
+    arm = DamiaoArm("arm", wire, DamiaoArmConfig(velocity="foaw-end-fit"), 1e-9 * PERIOD_NS)
+    q, qd = np.zeros(6), np.ones(6)
+    arm.measured_js(far.now_ns + PERIOD_NS, q, qd)
+    assert np.abs(arm.counts).min() > 100
+    assert not qd.any()
+    arm.close()
+    box.close()

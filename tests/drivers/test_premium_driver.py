@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.drivers.premium import PremiumArm, PremiumConfig
-from hil.errors import DeviceError
+from hil.errors import ConfigError, DeviceError
 from hil.signals.device import MeasuredJs, ServoJf, Status
 from hil.signals.state import OperatingState
 
@@ -126,3 +126,65 @@ def test_enabling_twice_is_refused(arm):
     arm.enable()
     with pytest.raises(DeviceError, match="arm is ENABLED and cannot ENABLE"):
         arm.enable()
+
+
+MINUS = "get a minus before their places in channels.motors"
+DIAGONAL = ((13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 0.0, 11.2))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"amps_per_volt": -0.5513}, f"amps_per_volt = -0.5513.*{MINUS}"),
+        ({"amps_per_volt": np.nan}, "amps_per_volt = nan"),
+        ({"torque_constant": -0.0234}, f"torque_constant = -0.0234.*{MINUS}"),
+        ({"torque_constant": 0.0}, "torque_constant = 0;"),
+        ({"dac_volts": -10.0}, MINUS),
+        ({"stall_torque": 0.0}, "stall_torque = 0;"),
+        ({"stall_torque": -0.129}, "stall_torque = -0.129"),
+        ({"stall_torque": 1e-9}, "less than one code"),
+        ({"counts_per_turn": 0}, "counts_per_turn = 0;.*channels.encoders"),
+        ({"counts_per_turn": -4096}, "counts_per_turn = -4096;"),
+        *(({"dac_bits": bits}, f"dac_bits = {bits}; 8 to 16") for bits in (-4, 0, 17, 64)),
+        ({"gear": ((13.3, 0.0), (0.0, 11.2))}, "three rows of three"),
+        ({"gear": ((13.3, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 11.2))}, "cannot be inverted"),
+        ({"gear": ((np.nan, 0.0, 0.0), *DIAGONAL[1:])}, "cannot be inverted"),
+    ],
+)
+def test_a_drive_train_that_no_arm_has_is_refused(options, says):
+    with pytest.raises(ConfigError, match=says):
+        PremiumConfig(**options)
+
+
+def test_every_config_that_is_taken_gives_no_torque_at_zero_effort():
+    turned = ((-13.3, 0.0, 0.0), (0.0, 11.2, 0.0), (0.0, 3.0, 11.2))
+    for options in ({}, {"dac_bits": 8}, {"amps_per_volt": 5.0}, {"gear": turned}):
+        arm = PremiumArm("arm", FakeWire(), PremiumConfig(**options), 1e-3)
+        arm.enable()
+        sent = np.ones(3)
+        assert arm.servo_jf(np.zeros(3), sent) is Status.OK
+        assert not sent.any() and not wire(arm).sent.any()
+        arm.servo_jf(np.full(3, 0.1), sent)
+        np.testing.assert_allclose(sent, 0.1, atol=0.02)
+        assert (arm.effort_limit > 0).all()
+
+
+@pytest.mark.parametrize("velocity", ["foaw-end-fit", "kalman", "first-difference"])
+def test_the_first_reading_is_where_the_arm_rests(velocity):
+    home = (0.0, 0.4, 0.3)
+    arm = PremiumArm("arm", FakeWire(), PremiumConfig(home=home, velocity=velocity), 1e-3)
+    arm._wire.counts[:] = np.floor(np.array(home) * GEAR * 4096 / (2 * np.pi))
+    q, qd = np.zeros(3), np.ones(3)
+    arm.measured_js(MS, q, qd)
+    np.testing.assert_allclose(qd, 0.0, atol=1e-9)
+    np.testing.assert_allclose(q, home, atol=1e-3)
+
+
+def test_an_arm_of_another_kind_is_refused_unless_its_drive_train_is_given():
+    with pytest.raises(ConfigError, match="arm 'a' has 2 joints"):
+        PremiumConfig().refuse_arm("a", "", 2)
+    with pytest.raises(ConfigError, match=r"those of phantom-premium-1\.5, and arm 'a' is a"):
+        PremiumConfig().refuse_arm("a", "phantom-omni", 3)
+    own = ((11.7, 0.0, 0.0), *DIAGONAL[1:])
+    PremiumConfig(gear=own).refuse_arm("a", "phantom-omni", 3)
+    PremiumConfig().refuse_arm("a", "", 3)
