@@ -6,6 +6,7 @@ through the calibration, and are rotated into the base frame by compiled code.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 from typing import Any, Protocol, runtime_checkable
@@ -18,12 +19,29 @@ from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray, IntArray, Status, Wire
 from hil.signals.state import OperatingState, StateCommand, StateMachine
 
-#: model -> sensitivity of force [words/N] and torque [words/(N m)], range [N], [N m].
-#: Ranges: ATI Nano17 SI-12-0.12 and Nano25 SI-125-3; sensitivities are of this rig's
-#: converters.
-MODELS: dict[str, tuple[float, float, float, float]] = {
-    "nano17": (1280.0, 160000.0, 12.0, 0.12),
-    "nano25": (192.0, 8000.0, 125.0, 3.0),
+
+@dataclass(frozen=True)
+class Transducer:
+    """A model of force sensor.
+
+    Parameters
+    ----------
+    force, torque : float
+        Sensitivity [words/N], [words/(N m)].
+    ranges : tuple of 6 floats
+        Largest Fx, Fy, Fz [N] and Tx, Ty, Tz [N m], in the sensor's own axes.
+    """
+
+    force: float
+    torque: float
+    ranges: tuple[float, ...]
+
+
+#: Ranges of ATI's product pages: Nano17 SI-12-0.12 and Nano25 SI-125-3.  Sensitivities are of this
+#: rig's converters.
+MODELS: dict[str, Transducer] = {
+    "nano17": Transducer(1280.0, 160000.0, (12.0, 12.0, 17.0, 0.12, 0.12, 0.12)),
+    "nano25": Transducer(192.0, 8000.0, (125.0, 125.0, 500.0, 3.0, 3.0, 3.0)),
 }
 
 
@@ -55,7 +73,7 @@ class FtSensorConfig:
         fz + tx sin a - ty cos a and a tangential one fy cos a - fx sin a + tz.  Summing over
         the beams inverts this: fz = sum/3, tx = 2/3 sum(axial sin a), and so on.
         """
-        force, torque, *_ = MODELS[self.model]
+        force, torque = MODELS[self.model].force, MODELS[self.model].torque
         c = np.zeros((6, 6))
         for beam in range(3):
             a = 2 * np.pi * beam / 3
@@ -67,7 +85,9 @@ class FtSensorConfig:
 
 
 @nb.njit(cache=True, nogil=True)
-def calibrated(words: Any, bias: Any, calibration: Any, position: Any, out: Any) -> float:
+def calibrated(
+    words: Any, bias: Any, calibration: Any, ranges: Any, position: Any, out: Any
+) -> bool:
     """Force [N] and torque [N m] ON the robot in the base frame.
 
     Parameters
@@ -76,6 +96,8 @@ def calibrated(words: Any, bias: Any, calibration: Any, position: Any, out: Any)
         Gauge words and their values without load.
     calibration : ndarray (6, 6)
         Wrench in the sensor frame per word.
+    ranges : ndarray (6,)
+        Largest force [N] and torque [N m] of every axis of the sensor.
     position : ndarray (3,)
         Joint angles [rad]; th3 is the forearm's angle from the base.
     out : ndarray (6,)
@@ -83,9 +105,10 @@ def calibrated(words: Any, bias: Any, calibration: Any, position: Any, out: Any)
 
     Returns
     -------
-    float
-        |Fx| + |Fy| + |Fz| [N].
+    bool
+        Whether each axis of the sensor is within its range.
     """
+    within = True
     s1, c1, s3, c3 = sin(position[0]), cos(position[0]), sin(position[2]), cos(position[2])
     for half in range(2):
         x, y, z = 0.0, 0.0, 0.0
@@ -94,13 +117,16 @@ def calibrated(words: Any, bias: Any, calibration: Any, position: Any, out: Any)
             x += calibration[3 * half, k] * load
             y += calibration[3 * half + 1, k] * load
             z += calibration[3 * half + 2, k] * load
+        own = ranges[3 * half : 3 * half + 3]
+        if not (abs(x) <= own[0] and abs(y) <= own[1] and abs(z) <= own[2]):
+            within = False
         # sensor axes in (radial, across, up): x = (c3, 0, s3), y = (0, -1, 0), z = (s3, 0, -c3)
         radial, across, up = c3 * x + s3 * z, -y, s3 * x - c3 * z
         # base = Rz(th1) (radial, across, up)
         out[3 * half] = c1 * radial - s1 * across
         out[3 * half + 1] = s1 * radial + c1 * across
         out[3 * half + 2] = up
-    return float(abs(out[0]) + abs(out[1]) + abs(out[2]))
+    return within
 
 
 @nb.njit(cache=True, nogil=True)
@@ -215,20 +241,28 @@ class ForceSensor:
         Where its words come from.
     tare_samples : int
         Readings that are averaged for the bias.
+    ranges : sequence of 6 floats
+        Largest force [N] and torque [N m] in the sensor's own axes; a sample beyond one of them
+        counts as clamped.
+
+    Attributes
+    ----------
     max_force : float
-        Range of the transducer [N]; beyond it a sample counts as clamped.
+        Smallest range of the three forces [N].
     """
 
     #: Its wrench is turned by the joints of a PHANTOM.
     ANY_ARM = False
 
-    def __init__(self, name: str, source: GaugeSource, tare_samples: int, max_force: float) -> None:
+    def __init__(
+        self, name: str, source: GaugeSource, tare_samples: int, ranges: Sequence[float]
+    ) -> None:
         self.name = name
         self.source = source
         self._samples = tare_samples
         self._machine = StateMachine(name)
         self._calibration = source.calibration
-        self.max_force = self._limit = max_force
+        self.max_force, self._ranges = float(min(ranges[:3])), np.array(ranges)
         self.gauges = source.gauges
         self.bias = np.zeros(6)
 
@@ -269,9 +303,11 @@ class ForceSensor:
         the status.  A sensor that is lost goes to FAULT.
         """
         status = self.source.receive(t_ns)
-        size = calibrated(self.gauges, self.bias, self._calibration, position, wrench)
+        within = calibrated(
+            self.gauges, self.bias, self._calibration, self._ranges, position, wrench
+        )
         if status is _OK:
-            return _CLAMPED if size > self._limit else _OK
+            return _OK if within else _CLAMPED
         if status is _LOST:
             self._machine.command(StateCommand.FAULT)
             return _INVALID
@@ -311,7 +347,7 @@ class FtSensor(ForceSensor):
     def __init__(self, name: str, wire: Wire, config: FtSensorConfig, period: float) -> None:
         self.config = config
         source = IdealGauges(wire, config.calibration(), period)
-        super().__init__(name, source, config.tare_samples, MODELS[config.model][2])
+        super().__init__(name, source, config.tare_samples, MODELS[config.model].ranges)
 
 
 def open_device(
@@ -319,7 +355,7 @@ def open_device(
 ) -> ForceSensor:
     """Open a sensor: on a box that knows its calibration, or behind an ideal wire."""
     if isinstance(wire, GaugeSource):
-        return ForceSensor(name, wire, config.tare_samples, MODELS[config.model][2])
+        return ForceSensor(name, wire, config.tare_samples, MODELS[config.model].ranges)
     return FtSensor(name, wire, config, period)
 
 

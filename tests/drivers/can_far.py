@@ -50,7 +50,12 @@ def board(model="nano17", **options):
 
 
 def open_sensor(name, link, config, tare_samples=20, max_force=25.0):
-    return ForceSensor(name, NetCanOem(name, link, config), tare_samples, max_force)
+    return ForceSensor(name, NetCanOem(name, link, config), tare_samples, forces(max_force))
+
+
+def forces(most):
+    """Ranges of a sensor whose torques are not looked at."""
+    return (most,) * 3 + (np.inf,) * 3
 
 
 #: At pose 0 the forearm hangs: x of the sensor is x, y is -y, z is -z of the base.
@@ -111,7 +116,7 @@ class NetFtCanFar(NetCanFar):
         return netft_can.open_box("ft", bus, self.rig.channel, self.config, (0,))
 
     def open(self):
-        return ForceSensor("ft", self.box(), 10, 25.0)
+        return ForceSensor("ft", self.box(), 10, forces(25.0))
 
     def replug(self):
         self.board.powered = True
@@ -144,7 +149,7 @@ class RdtFar(FarEnd):
         return netft_rdt.open_box("ft", self.bus(), "box", NetFtRdtConfig(lost_ms=30.0), (0,))
 
     def open(self):
-        return ForceSensor("ft", self.source(), 10, 25.0)
+        return ForceSensor("ft", self.source(), 10, forces(25.0))
 
     def press(self, wrench):
         self.box.converter.transducer.load[:] = wrench * HANGING

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.drivers.ft_sensor import FtSensor, FtSensorConfig
+from hil.drivers.ft_sensor import MODELS, FtSensor, FtSensorConfig
 from hil.errors import ConfigError
+from hil.signals.device import Status
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.plants import world
 from hil.sim_devices.plants.layout import NOISES
@@ -45,3 +46,41 @@ def test_mistakes_are_named():
         FtSensorConfig(model="nano18")
     with pytest.raises(ConfigError, match="tare_samples"):
         FtSensorConfig(tare_samples=0)
+
+
+class LoadedWire:
+    """Words of a sensor under a load in its own axes."""
+
+    trouble = ""
+
+    def __init__(self, config, load):
+        self.counts = np.zeros(3, np.int64)
+        self.gauges = np.rint(np.linalg.solve(config.calibration(), load)).astype(np.int64)
+
+    def receive(self, t_ns):
+        return Status.OK
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("pose", [[0.0, 0.0, 0.0], [0.7, 0.4, 0.9]])
+@pytest.mark.parametrize(
+    ("model", "load", "status"),
+    [
+        ("nano17", [4.2, 4.2, 4.2, 0.0, 0.0, 0.0], Status.OK),
+        ("nano17", [11.9, -11.9, 16.9, 0.0, 0.0, 0.0], Status.OK),
+        ("nano17", [12.1, 0.0, 0.0, 0.0, 0.0, 0.0], Status.CLAMPED),
+        ("nano17", [0.0, -12.1, 0.0, 0.0, 0.0, 0.0], Status.CLAMPED),
+        ("nano17", [0.0, 0.0, -17.1, 0.0, 0.0, 0.0], Status.CLAMPED),
+        ("nano17", [0.0, 0.0, 0.0, 0.0, 0.0, 0.13], Status.CLAMPED),
+        ("nano25", [0.0, 0.0, -160.0, 0.0, 0.0, 0.0], Status.OK),
+    ],
+)
+def test_each_axis_of_the_sensor_has_its_own_range(pose, model, load, status):
+    config = FtSensorConfig(model=model)
+    sensor = FtSensor("ft", LoadedWire(config, np.array(load)), config, 1e-3)
+    wrench = np.zeros(6)
+    assert sensor.measured_cf(0, np.array(pose), wrench) is status
+    assert np.linalg.norm(wrench[:3]) == pytest.approx(np.linalg.norm(load[:3]), abs=0.05)
+    assert sensor.max_force == min(MODELS[model].ranges[:3])
