@@ -37,6 +37,10 @@ SMALLEST, LARGEST, USUAL = 0.02, 0.2, 0.1
 PULSE, REST, WATCH = 25, 100, 500
 #: Least change of speed [rad/s]; largest rest of counts and of force [N] without power.
 MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
+#: Share of a pulse by which what a device says it sends may miss what it was asked.
+AGREES = 0.1
+#: Largest change of speed by a pulse, by its torque [rad/s/(N m)]: PHANTOMs have 1 to 12.
+WILD = 30.0
 #: Why arms of a URDF get no pulses.
 UNDRIVEN = (
     "not driven: pulses are for arms that balance themselves, and nothing would bear this one's "
@@ -170,7 +174,21 @@ class _Bench:
             wanted = self.zero if port is not driven or effort is None else effort.copy()
             safe = safety.limit(wanted, self.qd[i], port.torque_limit, port.speed_limit)
             status = max(status, Status(safe), port.efforts.servo_jf(wanted, self.sent))
+            if port is driven and status < Status.INVALID:
+                self._compare(i, wanted)
         return status
+
+    def _compare(self, i: int, wanted: FloatArray) -> None:
+        """Stop where the device of arm i sends something else than it was asked."""
+        most = AGREES * max(float(np.abs(wanted).max()), SMALLEST)
+        wrong = np.flatnonzero(~(np.abs(self.sent - wanted) <= most))
+        if wrong.size:
+            k, arm = int(wrong[0]), list(self.arms)[i]
+            raise DeviceError(
+                f"the self-test was stopped: of arm {arm!r}, joint {k + 1}, {wanted[k]:g} N m was "
+                f"asked, and its device sends {self.sent[k]:.3g} N m; compare the options of its "
+                "table in [devices] with the drive train: reductions, gains and limits."
+            )
 
     def without_power(self) -> Iterator[TestStep]:
         """Everything is read for a while; nothing may move or be pressed."""
@@ -273,6 +291,12 @@ def _judge(arm: str, k: int, change: FloatArray, torque: float) -> TestStep:
         text = f"{seen}, and that of joint {largest + 1} by more: look at the channel map"
     elif change[k] < 0:
         text = f"{seen}: turn the sign of its place in channels.motors or channels.encoders"
+    elif change[k] > WILD * torque:
+        text = (
+            f"{seen}, above {WILD * torque:g} rad/s: the motor gives more torque than it is asked, "
+            "or the encoder counts more; compare the gains of its amplifier and its reduction with "
+            "the options of the device"
+        )
     else:
         return TestStep(arm, name, True, seen)
     return TestStep(arm, name, False, text)

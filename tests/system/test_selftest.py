@@ -133,3 +133,17 @@ def test_arms_of_a_urdf_are_read_at_rest(name, capsys):
     assert main(["selftest", name]) == 0  # and nobody is asked
     said = capsys.readouterr().out
     assert "at rest" in said and "not driven" in said
+
+
+def with_options(**options):
+    return {"devices": {"leader-arm": {"options": options}}}
+
+
+def test_a_device_that_sends_another_torque_than_asked_is_stopped():
+    with pytest.raises(DeviceError, match=r"arm 'leader', joint 1, 0\.1 N m was asked.*0\.0133"):
+        steps(with_options(stall_torque=0.001))
+
+
+def test_an_amplifier_of_more_gain_than_declared_is_found():
+    wrong = failed(steps(with_options(amps_per_volt=0.05), torque=0.02))
+    assert "above 0.6 rad/s: the motor gives more torque" in wrong["leader", "joint 3"]
