@@ -23,6 +23,8 @@ from hil.signals.bus import Attached, Bus
 REPORTS_PER_S = 1000.0
 #: Reports that ask whether the box is alive, per second.
 QUERIES_PER_S = 20.0
+#: Longest time between two edges of the heartbeat [ms], see docs/hardware.md.
+SLOWEST_BEAT_MS = 50.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Usb31xxConfig:
     heartbeat_bit : int
         Digital line that is turned over while all is well, for the watchdog of an amplifier.
     heartbeat_ms : float
-        Time between its edges; 0 = no heartbeat from this box [ms].
+        Time between its edges [ms], 2 to 50: amplifiers cut themselves off 60 ms after the last
+        one; 0 = no heartbeat from this box.
     route : str
         ``"own"``, or ``"uldaq"``, the vendor's library (`hil.drivers.links.uldaq`).
     """
@@ -55,8 +58,17 @@ class Usb31xxConfig:
             raise ConfigError(unknown("model", self.model, codec.MODELS))
         if not 0 <= self.heartbeat_bit <= 7:
             raise ConfigError(f"heartbeat_bit = {self.heartbeat_bit}: 0 to 7 is needed.")
-        if self.heartbeat_ms != 0 and not 2.0 <= self.heartbeat_ms <= 1000.0:
-            raise ConfigError(f"heartbeat_ms = {self.heartbeat_ms}: 0, or 2 to 1000 is needed.")
+        if self.heartbeat_ms != 0 and not 2.0 <= self.heartbeat_ms <= SLOWEST_BEAT_MS:
+            raise ConfigError(
+                f"heartbeat_ms = {self.heartbeat_ms:g}: 2 to {SLOWEST_BEAT_MS:g} is needed, as the "
+                "watchdog of an amplifier waits 60 ms at most; or 0, where another box of the arm "
+                "gives the heartbeat."
+            )
+
+    @property
+    def available(self) -> int:
+        """Channels that the box has, from 0 on."""
+        return codec.MODELS[self.model][1]
 
     def reports(self, channels: int) -> int:
         """Reports per update of so many channels."""

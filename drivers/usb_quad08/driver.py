@@ -20,6 +20,8 @@ from hil.signals.bus import Bus
 from hil.signals.device import Status
 
 WORDS = {16: 1, 32: 2}
+#: Counters of a box.
+COUNTERS = 8
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,11 @@ class Quad08Config:
                 f"lost_ms = {self.lost_ms}: in that time {self.fastest:g} counts/s pass half of "
                 f"{self.bits} bits, and a lost turn would go unnoticed; use less, or bits = 32."
             )
+
+    @property
+    def available(self) -> int:
+        """Channels that the box has, from 0 on."""
+        return COUNTERS
 
 
 #: Clocks of host and box differ by at most this, by which the estimated delay may grow [ns/ns].

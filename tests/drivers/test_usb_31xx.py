@@ -394,7 +394,8 @@ def test_nothing_attached_wrong_serial_no_permission_wrong_channel():
 
 
 def test_options_that_cannot_be():
-    for wrong in ({"model": "usb-3102"}, {"heartbeat_bit": 8}, {"heartbeat_ms": 1.0}):
+    slow = {"heartbeat_ms": 60.0}  # the amplifier has cut itself off by then
+    for wrong in ({"model": "usb-3102"}, {"heartbeat_bit": 8}, {"heartbeat_ms": 1.0}, slow):
         with pytest.raises(ConfigError):
             Usb31xxConfig(**wrong)
 
