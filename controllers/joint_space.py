@@ -235,12 +235,31 @@ def _gains(
     """
     w, one, rotors = 2 * pi * config.bandwidth_hz, np.ones(arm.d), config.rotors(arm.d)
     whole = chain.inertia(np.array(arm.center)) + np.diag(rotors)
+    _refuse_weightless(whole, arm.joints)
     own = np.diag(whole).copy()
     quickest = np.abs(np.linalg.eigvals(np.linalg.solve(whole, np.diag(own)))).max()
     lag = 2 * config.damping_ratio * w * quickest * (config.velocity_filter + 1.5 * period)
     felt = own * min(1.0, MOST_LAG / lag) - rotors
     pull, brake = w * w * one, 2 * config.damping_ratio * w * one
     return np.array([felt, rotors, friction, pull, brake])
+
+
+#: Least share of its largest eigenvalue that a mass matrix has.
+_SINGULAR = 1e-9
+
+
+def _refuse_weightless(mass: FloatArray, joints: tuple[str, ...]) -> None:
+    """Refuse a robot of which some joint moves no mass: no gain can be told for it."""
+    least = np.linalg.eigvalsh(mass)
+    if least[0] > _SINGULAR * max(least[-1], 0.0):
+        return
+    own = np.diag(mass)
+    bare = [n for n, m in zip(joints, own, strict=True) if m <= _SINGULAR * own.max()] or joints
+    raise ConfigError(
+        f"the URDF has no mass that {', '.join(bare)} would move, so the law has no gains; "
+        "give its links <inertial> with mass and inertia, or guess at the rotors with armature = "
+        f"{[0.01] * len(joints)} [kg m^2 or kg] in [controller.parameters]."
+    )
 
 
 def _share(config: _Gains, period: float) -> float:
@@ -463,6 +482,11 @@ class Law:
     build: Any
     ANY_JOINTS: bool = True
     margin: Any = None
+
+    @property
+    def JUDGED(self) -> bool:
+        """Whether building it judges it, also outside of what an operator sets."""
+        return self.margin is not None
 
 
 JOINT_PD = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))

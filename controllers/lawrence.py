@@ -412,3 +412,5 @@ class Lawrence:
 
 Config = LawrenceConfig
 build = Lawrence
+#: `refuse` judges its design, so it may be one outside of what an operator sets.
+JUDGED = True

@@ -113,7 +113,8 @@ def load(group: str, name: str) -> Any:
     """
     known = names(group)
     if name not in known:
-        raise ConfigError(unknown(group.removeprefix("hil.").rstrip("s"), name, known))
+        kind = group.removeprefix("hil.").removesuffix("s")
+        raise ConfigError(unknown("box" if kind == "boxe" else kind, name, known))
     _only(group, name)
     module, _, attribute = known[name].partition(":")
     with blaming(group, name, f"{name!r} of {group} cannot be imported"):

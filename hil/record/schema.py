@@ -44,7 +44,7 @@ PARTS = ("position", "velocity", "effort")
 LAST_S = 2**31
 MESSAGE_KINDS = ("joint_state", "wrench", "fields")
 #: What every ROS 2 tool accepts; a decoder refuses the whole channel otherwise.
-_FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
+FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Channel:
             inorder = tuple(p for p in PARTS if p in self.parts) == tuple(self.parts)
             text = f"parts are {self.parts}; expected some of {PARTS}, in this order"
             return "" if inorder and self.parts else text
-        bad = [n for n in self.names if not _FIELD.fullmatch(n)]
+        bad = [n for n in self.names if not FIELD.fullmatch(n)]
         if bad:
             return f"field {bad[0]!r}; expected small letters, digits and single _ between them"
         wrong = self.units and len(self.units) != len(self.names)

@@ -104,6 +104,18 @@ def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
     return tuple(out)
 
 
+def frames_of(text: str, where: str = "the URDF") -> list[str]:
+    """Names that a tip can have: the links and joints of a URDF.
+
+    Raises
+    ------
+    DataError
+        If it is no URDF.
+    """
+    root = checked_urdf(text, where)
+    return [str(e.get("name")) for tag in ("link", "joint") for e in root.findall(tag)]
+
+
 def gravity_of(root: ET.Element, where: str = "the URDF") -> tuple[float, float, float]:
     """Gravity in axes of the base [m/s^2]: down, unless the description says otherwise.
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Protocol
 
 import numpy as np
@@ -200,6 +201,40 @@ def open_box(
 def box_options(config: RigConfig, name: str) -> Any:
     """Options of a box, checked."""
     return options_of("hil.boxes", config.boxes[name], f"boxes.{name}")
+
+
+def check_box(config: RigConfig, name: str, used: bool) -> None:
+    """Refuse a table of a box that is wrong, also where no device uses it.
+
+    Parameters
+    ----------
+    config : RigConfig
+        The rig.
+    name : str
+        Of the box.
+    used : bool
+        Whether the session opens it; the library of another one may be missing.
+
+    Raises
+    ------
+    ConfigError
+        Names the table.
+    """
+    try:
+        options = box_options(config, name)
+    except ConfigError as error:
+        if not used and isinstance(error.__cause__, ImportError):
+            return
+        raise
+    available = float(getattr(options, "available", inf))
+    for device in config.devices:
+        for role, spots in places(config, device).items():
+            over = [p.channel for p in spots if p.box == name and p.channel >= available]
+            if over:
+                raise ConfigError(
+                    f"[devices.{device}.channels]: {role} has {name}/{over[0]}; the box "
+                    f"({config.boxes[name].driver}) has the channels 0 to {available - 1:g}."
+                )
 
 
 def options_of(group: str, table: BoxConfig | DeviceConfig, where: str) -> Any:

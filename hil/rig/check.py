@@ -19,7 +19,9 @@ from hil.record.recording import RobotSource
 from hil.rig import boxes
 from hil.rig.boxes import check_roles
 from hil.rig.config import ArmConfig, RigConfig, robot_source
+from hil.signals import settable
 from hil.signals.settable import ArmDescription
+from hil.toml import parse, within
 
 
 def check_tables(config: RigConfig) -> None:
@@ -32,15 +34,45 @@ def check_tables(config: RigConfig) -> None:
     """
     require_boxes(config)
     boxes.check_channels(config)
-    for name in config.devices:
-        device_options(config, name)
+    for name, device in config.devices.items():
+        _check_arm(device_options(config, name), name, config.arms[device.arm], device.arm)
         spots = boxes.places(config, name)
         if "gauges" in spots:
             boxes.only_gauges(name, spots)
         elif spots:
             check_roles(name, spots, len(config.arms[config.devices[name].arm].joints))
-    for box in boxes.backends(config):
-        boxes.box_options(config, box)
+    used = boxes.backends(config)
+    for box in config.boxes:
+        boxes.check_box(config, box, box in used)
+
+
+def _check_arm(options: Any, name: str, arm: ArmConfig, called: str) -> None:
+    """Refuse a device whose driver says that it is not of its arm."""
+    refuse = getattr(options, "refuse_arm", None)
+    if refuse is not None:
+        with within(f"devices.{name}"):
+            refuse(called, "" if arm.own else arm.robot, len(arm.joints))
+
+
+def check_parameters(config: RigConfig) -> None:
+    """Refuse parameters outside of the ranges that the law declares, unless it judges itself.
+
+    Raises
+    ------
+    ConfigError
+        As for an operator's ``set``.
+    """
+    given = config.controller.parameters
+    with within("controller"):
+        law = registry.load("hil.controllers", config.controller.name)
+    parameters = parse(law.Config, given, "controller.parameters")
+    if getattr(law, "JUDGED", False):
+        return
+    known = settable.ranges(parameters)
+    with within("controller.parameters"):
+        for name in known.keys() & given.keys():
+            value = getattr(parameters, name)
+            settable.checked(name, value if isinstance(value, tuple) else (value,), known)
 
 
 def require_boxes(config: RigConfig) -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, DataError, unknown
+from hil.models.robots import PRESETS
 from hil.record.recording import RobotSource, tag_record
-from hil.record.urdf_joints import urdf_joints
+from hil.record.schema import FIELD
+from hil.record.urdf_joints import frames_of, urdf_joints
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
 from hil.userfile import parse_toml, read_text
@@ -136,7 +138,7 @@ class WindingConfig:
         )
         if min(positive) <= 0 or not self.ambient < self.yellow < self.red:
             raise ConfigError(
-                "[arms.winding]: resistances and times must be positive and ambient < yellow < red."
+                "effort_per_amp, resistances and times must be positive and ambient < yellow < red."
             )
 
 
@@ -176,6 +178,8 @@ class SafetyConfig:
 MOST_JOINTS = 7
 #: File of a robot of one's own.
 URDF = ".urdf"
+#: Frame of the tip where the rig file names none.
+TIP = "tip"
 
 
 @dataclass(frozen=True)
@@ -193,7 +197,7 @@ class ArmConfig:
     """
 
     robot: str = "phantom-premium-1.5"
-    tip: str = "tip"
+    tip: str = TIP
     joints: tuple[str, ...] = ("joint1", "joint2", "joint3")
     torque_limit: tuple[float, ...] = (0.8, 0.8, 0.8)
     speed_limit: tuple[float, ...] = (25.0, 25.0, 25.0)
@@ -207,40 +211,106 @@ class ArmConfig:
     winding: WindingConfig = field(default_factory=WindingConfig)
 
     def __post_init__(self) -> None:
+        self._refuse_robot()
+        self._refuse_rows()
+        self._refuse_forces()
+        for name in ("position", "workspace"):
+            self._refuse_range(name)
+        if self.own and (self.workspace_min or self.workspace_max):
+            raise ConfigError(
+                "a workspace is watched of the PHANTOM Premium alone; bound the joints of "
+                "a URDF with position_min and position_max."
+            )
+
+    def _refuse_robot(self) -> None:
+        """Refuse a robot that is neither a preset nor a URDF, and joints that cannot be run."""
+        if not self.own and self.robot not in PRESETS:
+            raise ConfigError(
+                f"{unknown('robot', self.robot, PRESETS)} A robot of your own is a URDF beside "
+                'the rig file, e.g. robot = "arm.urdf".'
+            )
         d = len(self.joints)
         if not 1 <= d <= MOST_JOINTS or (d != 3 and not self.own):
             most = f"1 to {MOST_JOINTS}" if self.own else "3"
-            raise ConfigError(f"[arms]: robot {self.robot!r} has {d} joints; {most} can be run.")
+            raise ConfigError(f"robot {self.robot!r} has {d} joints; {most} can be run.")
+        twice = [n for k, n in enumerate(self.joints) if n in self.joints[:k]]
+        if twice:
+            raise ConfigError(
+                f"joints = {list(self.joints)} has {twice[0]!r} twice; each joint needs a name of "
+                "its own."
+            )
+
+    def _refuse_rows(self) -> None:
+        """Refuse rows of another length than the joints, and limits that nothing can keep."""
+        d = len(self.joints)
         for name in ("torque_limit", "speed_limit"):
-            if len(getattr(self, name)) != d:
-                raise ConfigError(f"[arms]: {name} needs {d} entries, one per joint.")
+            row = getattr(self, name)
+            if len(row) != d:
+                raise ConfigError(f"{name} = {list(row)} needs {d} entries, one per joint.")
+            if min(row) <= 0:
+                raise ConfigError(f"{name} = {list(row)}; each entry must be positive.")
         if self.own and self.winding == WindingConfig():
             object.__setattr__(self, "winding", WindingConfig(effort_per_amp=()))
         if len(self.winding.effort_per_amp) not in ({0, d} if self.own else {d}):
-            raise ConfigError(f"[arms.winding]: effort_per_amp needs {d} entries, one per joint.")
-        if min(*self.torque_limit, *self.speed_limit) <= 0:
-            raise ConfigError("[arms]: torque_limit and speed_limit must be positive.")
-        if self.acceleration_limit <= 0 or not 0 <= self.force_yellow <= self.force_red:
+            raise ConfigError(f"winding: effort_per_amp needs {d} entries, one per joint.")
+        if self.acceleration_limit <= 0:
             raise ConfigError(
-                "[arms]: acceleration_limit must be positive and force_yellow not above force_red."
+                f"acceleration_limit = {self.acceleration_limit:g} rad/s^2 must be positive."
             )
-        for name in ("position", "workspace"):
-            low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
-            n = d if name == "position" else 3
-            if len(low) not in (0, n) or len(high) not in (0, n):
-                raise ConfigError(f"[arms]: {name}_min and {name}_max need {n} entries or none.")
-            if low and high and not all(a < b for a, b in zip(low, high, strict=True)):
-                raise ConfigError(f"[arms]: {name}_min must be below {name}_max.")
-        if self.own and (self.workspace_min or self.workspace_max):
+
+    def _refuse_forces(self) -> None:
+        """Refuse lamps that no force lights; whether the sensor reaches them shows at opening."""
+        for name in ("force_yellow", "force_red"):
+            if getattr(self, name) < 0:
+                raise ConfigError(
+                    f"{name} = {getattr(self, name):g} N; above 0, or 0 for the share of the "
+                    "sensor's range."
+                )
+        if 0 < self.force_red < self.force_yellow:
             raise ConfigError(
-                "[arms]: a workspace is watched of the PHANTOM Premium alone; bound the joints of "
-                "a URDF with position_min and position_max."
+                f"force_yellow = {self.force_yellow:g} N is above force_red = {self.force_red:g} "
+                "N; the yellow lamp comes first."
             )
+
+    def _refuse_range(self, name: str) -> None:
+        """Refuse a range of positions or of the workspace that is none."""
+        low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
+        n = len(self.joints) if name == "position" else 3
+        if len(low) not in (0, n) or len(high) not in (0, n):
+            raise ConfigError(f"{name}_min and {name}_max need {n} entries or none.")
+        if low and high and not all(a < b for a, b in zip(low, high, strict=True)):
+            raise ConfigError(
+                f"{name}_min = {list(low)} must be below {name}_max = {list(high)}, entry by entry."
+            )
+        if name == "position":
+            refuse_degrees("position_min", low)
+            refuse_degrees("position_max", high)
 
     @property
     def own(self) -> bool:
         """Whether the robot is a URDF."""
         return self.robot.lower().endswith(URDF)
+
+
+#: More than a joint with ends turns [rad]: four turns.
+MOST_TURNED = 8 * math.pi
+
+
+def refuse_degrees(what: str, angles: Iterable[float]) -> None:
+    """Refuse ends of joints that must be degrees.
+
+    Raises
+    ------
+    ConfigError
+        With the angle in rad.
+    """
+    for angle in angles:
+        if MOST_TURNED < abs(angle) < math.inf:
+            raise ConfigError(
+                f"{what}: {angle:g} rad are {abs(angle) / (2 * math.pi):.0f} turns, more than the "
+                f"{MOST_TURNED / (2 * math.pi):.0f} that a joint with ends has; if these are "
+                f"degrees, write {math.radians(angle):.6g}."
+            )
 
 
 def robot_source(arm: ArmConfig) -> RobotSource:
@@ -253,8 +323,8 @@ def robot_source(arm: ArmConfig) -> RobotSource:
     """
     if not arm.own:
         return RobotSource(arm.robot, tip=arm.tip)
-    # the frame "tip" is the default of a URDF too, and its last one where it has none
-    return RobotSource("", _urdf(arm.robot), "" if arm.tip == "tip" else arm.tip)
+    # the frame TIP is the default of a URDF too, and its last one where it has none
+    return RobotSource("", _urdf(arm.robot), "" if arm.tip == TIP else arm.tip)
 
 
 def _urdf(path: str) -> str:
@@ -389,8 +459,7 @@ class RigConfig:
             raise ConfigError(f"schema = {self.schema!r}; this version reads {SCHEMA!r}.")
         for device in self.devices.values():
             _one_of("arm", device.arm, self.arms)
-        for arm in self.controller.arms:
-            _one_of("arm of the controller", arm, self.arms)
+        self._refuse_arms()
         if self.gel.arm:
             _one_of("arm of [gel]", self.gel.arm, self.controller.arms)
         many = {len(self.arms[arm].joints) for arm in self.controller.arms}
@@ -404,6 +473,24 @@ class RigConfig:
         own = [d.backend for d in self.devices.values()] + [b.backend for b in self.boxes.values()]
         for backend in (self.backend, *filter(None, own)):
             _one_of("backend", backend, BACKENDS)
+
+    def _refuse_arms(self) -> None:
+        """Refuse arms that no session can name, and a law that has one twice."""
+        for arm in self.arms:
+            if not FIELD.fullmatch(arm):
+                raise ConfigError(
+                    f"[arms.{_quoted(arm)}]: the name of an arm becomes that of channels and "
+                    "fields of a session; small letters, digits and single _ between them are "
+                    'needed, a letter first, e.g. "leader".'
+                )
+        arms = self.controller.arms
+        for k, arm in enumerate(arms):
+            _one_of("arm of the controller", arm, self.arms)
+            if arm in arms[:k]:
+                raise ConfigError(
+                    f"[controller]: arms = {list(arms)} has {arm!r} twice; a law drives each arm "
+                    f"once. There are {', '.join(self.arms)}."
+                )
 
     @property
     def hardware(self) -> bool:
@@ -420,6 +507,11 @@ class RigConfig:
     def backend_of(self, device: str) -> str:
         """Back end of `device`: its own, or the rig's."""
         return self.devices[device].backend or self.backend
+
+
+def _quoted(name: str) -> str:
+    """Name as a key of a TOML table."""
+    return name if name.replace("_", "a").replace("-", "a").isalnum() else f'"{name}"'
 
 
 def _one_of(kind: str, name: str, known: Iterable[str]) -> None:
@@ -467,6 +559,7 @@ def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
             continue
         place = str(path.parent / robot)
         joints = urdf_joints(_urdf(place), place)
+        _refuse_urdf(name, arm, place, joints)
         filled: dict[str, Any] = {"joints": [j.name for j in joints], **arm, "robot": place}
         if tuple(filled["joints"]) != tuple(j.name for j in joints):
             raise ConfigError(
@@ -483,6 +576,21 @@ def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
             filled.setdefault(key, known)
         table = merge(table, {"arms": {name: filled}})
     return table
+
+
+def _refuse_urdf(name: str, arm: Mapping[str, Any], place: str, joints: Sequence[Any]) -> None:
+    """Refuse a tip that the URDF does not have, and ranges in degrees."""
+    tip, frames = arm.get("tip", TIP), frames_of(_urdf(place))
+    if isinstance(tip, str) and tip not in (TIP, "") and tip not in frames:
+        raise ConfigError(f"[arms.{name}]: tip: {unknown(f'frame of {place}', tip, frames)}")
+    for joint in joints:
+        own = [
+            a
+            for k, a in (("position_min", joint.lower), ("position_max", joint.upper))
+            if k not in arm
+        ]
+        if joint.unit == "rad":
+            refuse_degrees(f"[arms.{name}]: {place}, limit of joint {joint.name!r}", own)
 
 
 def _beside(table: dict[str, Any], path: Path) -> dict[str, Any]:

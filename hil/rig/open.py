@@ -16,6 +16,7 @@ from hil.rig import boxes as cabling
 from hil.rig import estimators, safety
 from hil.rig.boxes import BoxWire, CanDrives, only_gauges, open_boxes, places, trouble, wired
 from hil.rig.check import (
+    check_parameters,
     check_tables,
     check_trajectory,
     described,
@@ -24,7 +25,7 @@ from hil.rig.check import (
     measures_force,
     self_contained,
 )
-from hil.rig.config import SIMULATED, DeviceConfig, RigConfig, robot_source
+from hil.rig.config import SIMULATED, ArmConfig, DeviceConfig, RigConfig, robot_source
 from hil.rig.frame_capture import Taps
 from hil.signals.device import (
     Controller,
@@ -187,6 +188,8 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
     robot = limits_of_arm(limits, robot_source(limits))
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
+    numbers = safety.limits(limits, robot, config.safety, force_range)
+    _refuse_lamps(arm, limits, numbers)
     return ArmPort(
         _watched(joints[0], mine, config),
         _watched(efforts[0], mine, config),
@@ -196,7 +199,7 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
         getattr(force[0], "gauges", zeros) if force else zeros,
         np.array(limits.torque_limit),
         np.array(limits.speed_limit),
-        safety.limits(limits, robot, config.safety, force_range),
+        numbers,
         _tip(limits.robot) if boxed else None,
         robot.box if boxed else None,
     )
@@ -207,6 +210,16 @@ def _watched(device: Any, mine: Mapping[str, Device], config: RigConfig) -> Any:
     name = next(n for n, d in mine.items() if d is device)
     driver = config.devices[name].driver
     return device if registry.own("hil.drivers", driver) else _PlugInDevice(device, name, driver)
+
+
+def _refuse_lamps(arm: str, table: ArmConfig, numbers: FloatArray) -> None:
+    """Refuse a yellow lamp of the rig file that the sensor's range leaves no place for."""
+    yellow, red = safety.lamps(numbers)
+    if 0.0 < red < yellow and table.force_yellow:
+        raise ConfigError(
+            f"[arms.{arm}]: force_yellow = {yellow:g} N is above {red:g} N, 85 % of the range of "
+            "its force sensor, where the red lamp is; give less, or force_red too."
+        )
 
 
 def _tip(robot: str) -> Callable[[FloatArray, FloatArray], None]:
@@ -318,6 +331,7 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
     """
     check_tables(config)
     check_trajectory(config)
+    check_parameters(config)
     controller = build_controller(config)  # a law that refuses does so before any device opens
     check_forces(config, controller)
     with ExitStack() as stack:

@@ -12,6 +12,7 @@ from hil.models.robots import bare_robot
 from hil.record.container import read
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
+from hil.rig.open import open_rig
 from hil.rigs import rig_path
 from hil.runtime.replay import replay
 from hil.runtime.runner import run
@@ -232,3 +233,56 @@ def test_sliding_axes_hold_their_place_on_ideal_wires(tmp_path):
     assert ended.state == "ENABLED"
     q = load(tmp_path / "s.mcap").q
     assert 0 < np.ptp(q, axis=0).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('lower="-2" upper="2"', 'lower="1" upper="-1"'), "'axis_0': <limit lower=1 upper=-1>"),
+        (('lower="-2" upper="2"', 'lower="-90" upper="90"'), "'axis_0': -90 rad are 14 turns"),
+        (('lower="-2" upper="2"', 'lower="-1" upper="90"'), "if these are degrees, write 1.5708"),
+        (("<inertial>", "<visual>"), "[controller]: the URDF has no mass that axis_0, axis_1"),
+    ],
+)
+def test_mistakes_in_the_urdf_of_an_arm_are_refused(tmp_path, change, said):
+    rig(tmp_path, 5)
+    path = tmp_path / "own.toml"
+    bad = (
+        urdf(5).replace(*change).replace(change[0].replace("<", "</"), change[1].replace("<", "</"))
+    )
+    (tmp_path / "own.urdf").write_text(bad)
+    path.write_text(path.read_text().replace("armature = ", "# armature = "))
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        open_rig(load_rig(path), 0).close()
+
+
+def test_rotors_stand_in_for_links_without_mass(tmp_path):
+    config = rig(tmp_path, 5)
+    light = urdf(5).replace("inertial>", "visual>")
+    (tmp_path / "own.urdf").write_text(light)
+    open_rig(load_rig(tmp_path / "own.toml"), 0).close()
+    assert config.controller.parameters["armature"]
+
+
+def test_ranges_of_the_rig_file_take_the_place_of_those_in_degrees(tmp_path):
+    rig(tmp_path, 2)
+    wrong = urdf(2).replace('lower="-2" upper="2"', 'lower="-90" upper="90"')
+    (tmp_path / "own.urdf").write_text(wrong)
+    path, own = tmp_path / "own.toml", "position_min = [-2, -2]\nposition_max = [2, 2]\n"
+    path.write_text(path.read_text().replace("[devices.drives]", own + "[devices.drives]"))
+    assert load_rig(path).arms["arm"].position_max == (2.0, 2.0)
+
+
+def test_a_tip_that_the_urdf_lacks_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"\[arms\.arm\]: tip: unknown frame .*'nolink'.*l0, l1"):
+        rig(tmp_path, 2, more='tip = "nolink"')
+    assert rig(tmp_path, 2, more='tip = "l1"').arms["arm"].tip == "l1"
+
+
+def test_a_driver_of_three_joints_says_so(tmp_path):
+    rig(tmp_path, 2)
+    path = tmp_path / "own.toml"
+    lines = [x for x in path.read_text().splitlines() if not x.startswith("channels.")]
+    path.write_text("\n".join(lines).replace('"damiao"', '"premium"'))
+    with pytest.raises(ConfigError, match=r"\[devices\.drives\]: .* arm 'arm' has 2 joints"):
+        open_rig(load_rig(path), 0)

@@ -1,5 +1,6 @@
 """Rig files: mistakes are one sentence that names the nearest right thing."""
 
+import dataclasses
 import datetime
 import re
 import tomllib
@@ -11,7 +12,7 @@ from hil.cli import main
 from hil.controllers.joint_tracking import JointTrackingConfig
 from hil.errors import ConfigError, DataError
 from hil.rig.config import BACKENDS, load_rig
-from hil.rig.open import build_controller
+from hil.rig.open import build_controller, open_rig
 from hil.runtime.runner import run
 from hil.runtime.session import Operator, rig_text, to_toml
 from hil.toml import merge
@@ -159,3 +160,104 @@ def test_parameters_of_the_tracking_that_no_motion_has(change):
         JointTrackingConfig(
             **{k: tuple(v) if isinstance(v, list) else v for k, v in tomllib.loads(change).items()}
         )
+
+
+LEADER = "[rig.arms.leader]: "
+
+
+@pytest.mark.parametrize(
+    ("leader", "says"),
+    [
+        ({"torque_limit": [-0.8, 0.8, 0.8]}, LEADER + "torque_limit = [-0.8, 0.8, 0.8]"),
+        ({"speed_limit": [0.0, 1.0, 1.0]}, LEADER + "speed_limit = "),
+        ({"acceleration_limit": -1.0}, LEADER + "acceleration_limit = -1"),
+        ({"force_red": -2.0}, LEADER + "force_red = -2 N"),
+        ({"force_yellow": 5.0, "force_red": 2.0}, LEADER + "force_yellow = 5 N is above"),
+        ({"winding": {"red": -1.0}}, "[rig.arms.leader.winding]: "),
+        ({"joints": ["a", "b", "a"]}, LEADER + "joints = ['a', 'b', 'a'] has 'a' twice"),
+        ({"robot": "phantom-premium-3.0"}, "Did you mean 'phantom-premium-1.5'? Available: ph"),
+        (
+            {"position_min": [-90, -90, -90], "position_max": [90, 90, 90]},
+            LEADER + "position_min: -90 rad are 14 turns",
+        ),
+        ({"position_max": [1.0, 90.0, 1.0]}, "if these are degrees, write 1.5708"),
+    ],
+)
+def test_a_mistake_in_an_arm_names_the_arm(leader, says):
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        load_rig(RIGS / "teleop.toml", {"arms": {"leader": leader}})
+
+
+@pytest.mark.parametrize("name", ["my leader", "f\u00fchrer1", "", "../x", "Leader", "a__b", "1"])
+def test_a_name_that_no_session_can_hold_is_refused(name):
+    over = {"arms": {name: {"robot": "phantom-premium-1.5"}}}
+    with pytest.raises(ConfigError, match="small letters, digits and single _") as told:
+        load_rig(RIGS / "teleop.toml", over)
+    assert f"[arms.{name}]" in str(told.value).replace('"', "")
+
+
+def test_an_arm_stands_once_in_a_law():
+    over = {"controller": {"arms": ["leader", "leader"]}}
+    with pytest.raises(ConfigError, match=r"\[controller\]: arms = .* has 'leader' twice"):
+        load_rig(RIGS / "teleop.toml", over)
+
+
+def opened(over):
+    open_rig(load_rig(RIGS / "teleop.toml", over), 0).close()
+
+
+@pytest.mark.parametrize("scale", [2.5, -0.7, 70000.0])
+def test_a_parameter_of_the_file_keeps_to_the_range_of_the_law(scale):
+    says = f"[controller.parameters]: force_scale = {scale:g} is out of range: 0..2"
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        opened({"controller": {"parameters": {"force_scale": scale}}})
+
+
+def test_the_yellow_lamp_alone_may_be_set():
+    opened({"arms": {"leader": {"force_yellow": 2.0}}})
+    with pytest.raises(ConfigError, match=r"\[arms.leader\]: force_yellow = 120 N is above 106"):
+        opened({"arms": {"leader": {"force_yellow": 120.0}}})
+
+
+def test_a_phantom_without_force_sensors_runs(tmp_path):
+    config = load_rig(RIGS / "teleop.toml")
+    bare = {n: d for n, d in config.devices.items() if d.driver == "premium"}
+    done = run(dataclasses.replace(config, devices=bare), 0.05, output=tmp_path / "s.mcap")
+    assert done.state == "ENABLED"
+
+
+@pytest.mark.parametrize("backend", ["sim", "sim-wire"])
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        ({"boxes": {"encoders": {"driver": "usb-quad8"}}}, "[boxes.encoders]: unknown box 'usb-q"),
+        ({"boxes": {"spare": {"driver": "usb-quad"}}}, "[boxes.spare]: unknown box 'usb-quad'"),
+        ({"boxes": {"encoders": {"options": {"bits": 24}}}}, "[boxes.encoders.options]: "),
+        (
+            {"boxes": {"leader-motor1": {"options": {"heartbeat_ms": 1000.0}}}},
+            "[boxes.leader-motor1.options]: heartbeat_ms = 1000: 2 to 50",
+        ),
+        (
+            {
+                "devices": {
+                    "follower-arm": {
+                        "channels": {"encoders": ["encoders/3", "encoders/4", "encoders/8"]}
+                    }
+                }
+            },
+            "[devices.follower-arm.channels]: encoders has encoders/8; the box (usb-quad08) has "
+            "the channels 0 to 7",
+        ),
+        (
+            {"devices": {"leader-arm": {"options": {"amps_per_volt": -0.5513}}}},
+            "[devices.leader-arm.options]: amps_per_volt = -0.5513",
+        ),
+        (
+            {"arms": {"leader": {"robot": "phantom-omni"}}},
+            "[devices.leader-arm]: the reductions and motors of the driver are those of",
+        ),
+    ],
+)
+def test_devices_and_boxes_are_checked_on_every_back_end(backend, over, says):
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        opened({"backend": backend, **over})
