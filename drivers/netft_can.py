@@ -12,7 +12,7 @@ from typing import Any
 
 from hil.drivers.links.can import CanLink, shared, split_address
 from hil.drivers.links.polled import Patience, PolledGauges
-from hil.drivers.links.units import CountScale
+from hil.drivers.netft_rdt import CountScale
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
 

@@ -33,11 +33,12 @@ from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
 from hil.record.guess import propose
 from hil.record.locked import free_joints
-from hil.record.mapfile import Rule, TableMap, builtin_maps, epoch_unit, read_map
+from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
 from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
+from hil.record.units import epoch_unit
 from hil.userfile import read_text, write_text
 
 

@@ -31,8 +31,7 @@ from hil.identify.clock import EVEN, FILLED, Even, Timing, even
 from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot
-from hil.record.mapfile import SIGNAL
-from hil.record.recording import Recording
+from hil.record.recording import SIGNAL, Recording
 
 FloatArray = NDArray[np.float64]
 #: Shortest run, in periods of the effort filter.

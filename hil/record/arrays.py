@@ -220,7 +220,7 @@ def _date(value: Any) -> float:
 
 def _index(frame: Any, names: Sequence[str]) -> dict[str, FloatArray]:
     """The index of a pandas frame where it is the time, or has a name of its own."""
-    from hil.record.mapfile import time_unit
+    from hil.record.units import time_unit
 
     index = getattr(frame, "index", None)
     dtype = getattr(index, "dtype", None)

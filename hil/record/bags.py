@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
-from hil.record.mapfile import epoch_unit
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
+from hil.record.units import epoch_unit
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]

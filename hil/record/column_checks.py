@@ -18,19 +18,11 @@ from hil.errors import DataError, plural
 from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
 from hil.record.guess import quantity
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
-from hil.record.mapfile import (
-    FACTORS,
-    Rule,
-    TableMap,
-    Unit,
-    epoch_unit,
-    is_target,
-    stem_of,
-    time_unit,
-)
+from hil.record.mapfile import Rule, TableMap, is_target
 from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
 from hil.record.schema import LAST_S
 from hil.record.table_files import ForeignTable, is_clock
+from hil.record.units import FACTORS, Unit, epoch_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
 
 FloatArray = NDArray[np.float64]

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hil.errors import DataError
-from hil.record.mapfile import SIGNAL
 from hil.record.mcap_write import SessionWriter
-from hil.record.recording import AS_IS, LOCKED, STATED, UNIT_SAID, UNWRAPPED, Recording
+from hil.record.recording import AS_IS, LOCKED, SIGNAL, STATED, UNIT_SAID, UNWRAPPED, Recording
 from hil.record.schema import LAST_S, Channel
 
 #: What a session keeps of the metadata of a recording, beside what a map says of its signals.

@@ -14,7 +14,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from hil.record.mapfile import FACTORS, SCHEMA, UNSCALED, is_target, scale_asked, stem_of, time_unit
+from hil.record.mapfile import SCHEMA, is_target
+from hil.record.units import FACTORS, UNSCALED, scale_asked, stem_of, time_unit
 
 #: Words of a quantity, by stem of its column.
 _WORDS = {

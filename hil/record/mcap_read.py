@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
 from hil.record.container import Container, Topic, read
-from hil.record.mapfile import SIGNAL
 from hil.record.recording import (
     AS_IS,
     BEGAN,
     BEGAN_BY,
     LOCKED,
+    SIGNAL,
     STATED,
     UNIT_SAID,
     UNWRAPPED,

@@ -70,6 +70,8 @@ UNIT_SAID = "unit_said"
 #: Metadata: what was said of positions that wrap and were unwrapped, and the numbers of the joints
 #: whose positions were to be left as they are.
 UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"
+#: Start of the metadata that hold the [signal] of a map.
+SIGNAL = "signal_"
 #: Metadata record of a session: the tags that it was given.
 TAGS = "tags"
 #: Columns of a table: of a force and of a torque at the tip; and stem of the others -> field here.

@@ -34,10 +34,11 @@ from hil.record.locked import (
     grouped,
     in_base_axes,
 )
-from hil.record.mapfile import SIGNAL, Rule, TableMap, is_target, refuse_constants, time_unit
-from hil.record.recording import GROUPS, WRENCH, Recording, RobotSource
+from hil.record.mapfile import Rule, TableMap, is_target, refuse_constants
+from hil.record.recording import GROUPS, SIGNAL, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
+from hil.record.units import time_unit
 from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 

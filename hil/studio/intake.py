@@ -25,10 +25,11 @@ from hil.models.robots import make_robot, undescribed
 from hil.record.checks import check
 from hil.record.export import write_recordings
 from hil.record.guess import quantity
-from hil.record.mapfile import FACTORS, SCHEMA, parse_map
+from hil.record.mapfile import SCHEMA, parse_map
 from hil.record.recording import Recording
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
+from hil.record.units import FACTORS
 from hil.report.data import rounded
 from hil.testing.effects import check_effect
 from hil.userfile import write_text

@@ -12,7 +12,7 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.files import read_model, write_model
 from hil.models.model import Band, base_model
-from hil.record.mapfile import SIGNAL
+from hil.record.recording import SIGNAL
 
 
 def test_an_effect_within_the_accuracy_of_the_efforts_is_not_named():
