@@ -10,9 +10,9 @@ import struct
 from dataclasses import dataclass, replace
 from typing import Any
 
+from hil.drivers.ft_sensor import CountScale
 from hil.drivers.links.can import CanLink, shared, split_address
 from hil.drivers.links.polled import Patience, PolledGauges
-from hil.drivers.netft_rdt import CountScale
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
 

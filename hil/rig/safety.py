@@ -200,10 +200,11 @@ POSITION_GRID, VELOCITY_GRID, FORCE_GRID, TORQUE_GRID = 2.0**-21, 2.0**-12, 2.0*
 EFFORT_GRID = 2.0**-24
 #: What a count or two may do to a difference of positions [rad].
 FLOOR = 5e-4
-#: How much further out a joint [rad or m], a fold and the tip [m] may get after a `resume` outside
-#: of the range.  Half: an arm that sags as its motors take over stops again; double: it gets
-#: further.
-FURTHER, TIP_FURTHER = 0.01, 0.005
+#: How much further out a joint, a fold or the tip may get after a `resume` outside of its range, as
+#: a share of the range; and the longest range of which that counts [rad or m], of the tip [m].
+#: Half: an arm that fell while it was paused stops again before its law has caught it; double: it
+#: may go on far outside.
+FURTHER, LONGEST, TIP_LONGEST = 0.2, 2.0, 0.25
 #: Multiple of its torque limit that a driver may send: its last code is rounded.  Nearer to 1: a
 #: coarse converter at a small limit faults; double: a gain of the wrong size goes on.
 EXCESS = 1.25
@@ -322,7 +323,13 @@ def excess(x: float, low: float, high: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def further(out: float, may: Any, at: int, room: float) -> bool:
+def room(low: float, high: float, longest: float) -> float:
+    """How much further out of its range something may get, once it may be outside."""
+    return FURTHER * min(high - low, longest)
+
+
+@nb.njit(cache=True, nogil=True)
+def further(out: float, may: Any, at: int, more: float) -> bool:
     """Whether what is `out` of its range may not be: it left it, or got further than it may.
 
     Parameters
@@ -331,13 +338,13 @@ def further(out: float, may: Any, at: int, room: float) -> bool:
         Of `excess`.
     may : ndarray
         At `at` how far it may be out; becomes 0 where it is back within.
-    room : float
+    more : float
         What it may get further.
     """
     if out == 0.0:
         may[at] = 0.0
         return False
-    return not (may[at] > 0.0 and out <= may[at] + room)
+    return not (may[at] > 0.0 and out <= may[at] + more)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -352,7 +359,7 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
         out = excess(q[i], lim[row + _LOW], lim[row + _HIGH])
         if allow:
             memory[at] = out
-        if further(out, memory, at, FURTHER):
+        if further(out, memory, at, room(lim[row + _LOW], lim[row + _HIGH], LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     folds = _ROWS + _BOUNDS * q.size
@@ -361,7 +368,7 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
         out = excess(q[int(lim[n])] - q[int(lim[n + 1])], lim[n + 2], lim[n + 3])
         if allow:
             memory[at] = out
-        if further(out, memory, at, FURTHER):
+        if further(out, memory, at, room(lim[n + 2], lim[n + 3], LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     memory[ACUTE] = acute
@@ -522,7 +529,7 @@ def outside(tip: Any, box: Any, may: Any, allow: bool) -> int:
         out = excess(tip[i], box[0, i], box[1, i])
         if allow:
             may[i] = out
-        if further(out, may, i, TIP_FURTHER):
+        if further(out, may, i, room(box[0, i], box[1, i], TIP_LONGEST)):
             found = 2
         elif out > 0.0 and found == 0:
             found = 1

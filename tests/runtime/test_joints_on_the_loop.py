@@ -238,7 +238,10 @@ def test_sliding_axes_hold_their_place_on_ideal_wires(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (('lower="-2" upper="2"', 'lower="1" upper="-1"'), "'axis_0': <limit lower=1 upper=-1>"),
+        (
+            ('lower="-2" upper="2"', 'lower="1" upper="-1"'),
+            "'axis_0': its limits, lower = 1 and upper = -1",
+        ),
         (('lower="-2" upper="2"', 'lower="-90" upper="90"'), "'axis_0': -90 rad are 14 turns"),
         (('lower="-2" upper="2"', 'lower="-1" upper="90"'), "if these are degrees, write 1.5708"),
         (("<inertial>", "<visual>"), "[controller]: the URDF has no mass that axis_0, axis_1"),

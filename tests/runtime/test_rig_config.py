@@ -220,7 +220,8 @@ def test_the_yellow_lamp_alone_may_be_set():
 
 
 def test_a_phantom_without_force_sensors_runs(tmp_path):
-    config = load_rig(RIGS / "teleop.toml")
+    waves = {"controller": {"parameters": {"scheme": "waves"}}}  # a law that reads no force
+    config = load_rig(RIGS / "delayed.toml", waves)
     bare = {n: d for n, d in config.devices.items() if d.driver == "premium"}
     done = run(dataclasses.replace(config, devices=bare), 0.05, output=tmp_path / "s.mcap")
     assert done.state == "ENABLED"
