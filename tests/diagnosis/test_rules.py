@@ -227,6 +227,18 @@ def test_a_correction_must_not_ruin_the_simulation(
     assert not rules.FIT["simulates"](one)
 
 
+def _near_its_floor(effect: str, fitted: float, held: float) -> Any:
+    """A candidate beside errors of the fitted and the held-out runs, in units of the floor."""
+    one, one_each = case(effect), np.ones(1)
+    floor = Floor(one_each, "largest-model", np.zeros((1, 10)), one_each, one_each)
+    rung = SimpleNamespace(
+        result=SimpleNamespace(rms=np.array([fitted])),
+        step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
+    )
+    one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    return one
+
+
 @pytest.mark.parametrize(
     ("fitted", "held", "stopped"), [(1.05, 1.05, True), (1.3, 1.05, False), (1.05, 1.3, False)]
 )
@@ -234,14 +246,7 @@ def test_nothing_is_named_on_a_joint_at_its_floor(
     fitted: float, held: float, stopped: bool
 ) -> None:
     """Unless the held-out runs are above it: at-floor."""
-    one = case("presliding")
-    one_each = np.ones(1)
-    floor = Floor(one_each, "largest-model", np.zeros((1, 10)), one_each, one_each)
-    rung = SimpleNamespace(
-        result=SimpleNamespace(rms=np.array([fitted])),
-        step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
-    )
-    one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    one = _near_its_floor("presliding", fitted, held)
     one.rated.before, one.rated.after = 1.0, 0.96**2
     assert bool(rules.CANDIDATE["at-floor"](one)) is stopped
     one.rated.after = 0.8**2  # more than a floor is known to: it holds what the model lacks
@@ -258,14 +263,7 @@ def test_an_effect_at_the_tip_needs_an_error_above_the_floor(
     fitted: float, held: float, stopped: bool
 ) -> None:
     """By a tenth more than others, whatever it takes; held-out runs have the last word, too."""
-    one = case("force-bias")
-    one_each = np.ones(1)
-    floor = Floor(one_each, "largest-model", np.zeros((1, 10)), one_each, one_each)
-    rung = SimpleNamespace(
-        result=SimpleNamespace(rms=np.array([fitted])),
-        step=SimpleNamespace(heldout=SimpleNamespace(kind="holdout", rms=np.array([held]))),
-    )
-    one.search, one.evidence = SimpleNamespace(now=rung), SimpleNamespace(floor=floor)
+    one = _near_its_floor("force-bias", fitted, held)
     one.rated.before, one.rated.after = 1.0, 0.8**2
     assert bool(rules.CANDIDATE["at-floor"](one)) is stopped
 
