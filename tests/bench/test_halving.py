@@ -47,6 +47,7 @@ def test_a_number_that_is_none_is_refused():
         pass
 
 
+@pytest.mark.slow
 def test_an_answer_depends_on_a_number():
     """What counts as met decides whether an effect near the floor is sought at all."""
     case = cases.single("stribeck", 1.5, "white", "repeated", 0)

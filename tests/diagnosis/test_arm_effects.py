@@ -25,6 +25,7 @@ def test_a_soft_belt_is_named_on_its_joint_and_felt_by_the_others():
     assert all(after < 1.2 * found.noise)
 
 
+@pytest.mark.slow
 def test_a_spring_is_as_stiff_in_another_run_in_another_posture():
     """Its rotor is no part of the description, and what swings on it changes with the posture."""
     homes = ((0.0, 0.2, 0.3), (0.0, -0.6, 1.6))

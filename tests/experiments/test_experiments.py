@@ -19,6 +19,7 @@ def test_elastic_ukf_as_json(capsys):
     assert len(found["rows"]) == 16
 
 
+@pytest.mark.slow
 def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
     # the 300 steps that are compared, and as many again to time
     monkeypatch.setattr(ukf, "record", lambda plant, _, seed: record(plant, 0.6, seed))

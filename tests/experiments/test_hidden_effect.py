@@ -55,6 +55,7 @@ def test_the_figure_has_a_bar_for_every_model_of_every_effect():
     assert len(bars) == 2 * 3 + 3
 
 
+@pytest.mark.slow
 def test_one_effect_in_both_arms_is_found_added_and_felt_no_more(monkeypatch):
     monkeypatch.setattr(study, "IDENTIFIED_S", 10.0)
     monkeypatch.setattr(study, "PERIODS", 2)

@@ -197,6 +197,7 @@ def test_comparison(clean: Comparison, tmp_path: Path) -> None:
         assert title in page.text
 
 
+@pytest.mark.slow
 def test_seven_joints(tmp_path: Path) -> None:
     run = plants.tanh_axes("cogging", d=7)
     d = diagnose([run], model(run))
