@@ -76,6 +76,19 @@ def test_ten_seeds_put_every_effect_on_every_robot_that_can_show_it():
 
 
 @needs_mujoco
+def test_two_motors_of_the_last_two_joints_belong_to_the_earlier_one():
+    """The pair has no order, and a diagnosis names it by its first joint."""
+    found = [
+        (h.joint, h.label, session.joint_count(c.robot))
+        for c in cases.mujoco_plan(seeds=3)
+        for h in c.hidden
+        if h.effect == "differential"
+    ]
+    assert any(joint == count - 1 for joint, _, count in found)
+    for joint, label, count in found:
+        assert label == f"joint{min(joint, count - 2) + 1}"
+
+
 def test_the_quick_plan_is_calibrated():
     known = amplitudes.table("test")
     missing = {

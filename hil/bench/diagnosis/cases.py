@@ -50,6 +50,16 @@ class Hidden:
 
 
 @dataclass(frozen=True)
+class LastPair(Hidden):
+    """A pair of the last joint and the one before, which belongs to that one."""
+
+    @property
+    def label(self) -> str:
+        """Joint as a diagnosis names it."""
+        return f"joint{self.joint}"
+
+
+@dataclass(frozen=True)
 class Idler(Hidden):
     """The pair (1, 3) of idlers of the tuning plants, which belongs to its first joint."""
 
@@ -207,6 +217,8 @@ _MUJOCO_NOISES = ("white", "coloured", "dac")
 _MUJOCO_MOTIONS = ("wander", "shuttle", "points")
 #: Effects whose pair of joints starts at any joint but the last.
 _PAIRED = ("coupled-transmission",)
+#: Effects on two neighbours, hidden on any joint and named on the earlier one.
+_UNORDERED = ("differential",)
 #: Of the quick plan: robots whose sessions take least.
 _SMALL_ROBOTS = ("elbow3", "pendulum", "planar2", "spindle", "stylus3", "scara4", "gantry2")
 
@@ -252,9 +264,9 @@ def _mujoco_single(
     kind = "one" if tables.accepted(effect) & known() else "outside"
     motion = _MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(_MUJOCO_MOTIONS)]
     noise = _MUJOCO_NOISES[(k + 2 * seed + _MUJOCO_LEVELS.index(level)) % len(_MUJOCO_NOISES)]
-    return SessionCase(
-        kind, robot, (Hidden(effect, joint, level),), noise, motion, seed, needs == "force"
-    )
+    last = effect in _UNORDERED and joint == session.joint_count(robot) - 1
+    hidden = ((LastPair if last else Hidden)(effect, joint, level),)
+    return SessionCase(kind, robot, hidden, noise, motion, seed, needs == "force")
 
 
 def _joint(effect: str, robot: str, n: int) -> int:
