@@ -292,24 +292,26 @@ class ArmConfig:
         return self.robot.lower().endswith(URDF)
 
 
-#: More than a joint with ends turns [rad]: four turns.
-MOST_TURNED = 8 * math.pi
+#: More than a joint with ends turns [rad]: four turns.  Beyond the second one a number stands for
+#: no limit at all.
+MOST_TURNED, UNLIMITED = 8 * math.pi, 3600.0
 
 
 def refuse_degrees(what: str, angles: Iterable[float]) -> None:
-    """Refuse ends of joints that must be degrees.
+    """Refuse ends of joints that are degrees: many turns, and whole or half numbers.
 
     Raises
     ------
     ConfigError
-        With the angle in rad.
+        With the angle in rad, and how a winch says that it turns so often.
     """
     for angle in angles:
-        if MOST_TURNED < abs(angle) < math.inf:
+        if MOST_TURNED < abs(angle) <= UNLIMITED and float(2 * angle).is_integer():
             raise ConfigError(
                 f"{what}: {angle:g} rad are {abs(angle) / (2 * math.pi):.0f} turns, more than the "
                 f"{MOST_TURNED / (2 * math.pi):.0f} that a joint with ends has; if these are "
-                f"degrees, write {math.radians(angle):.6g}."
+                f"degrees, write {math.radians(angle):.6g}. If the joint does turn so often, give "
+                f"position_min and position_max that are no whole or half number, {angle + 0.01:g}."
             )
 
 

@@ -206,8 +206,9 @@ FLOOR = 5e-4
 #: may go on far outside.
 FURTHER, LONGEST, TIP_LONGEST = 0.2, 2.0, 0.25
 #: Multiple of its torque limit that a driver may send: its last code is rounded.  Nearer to 1: a
-#: coarse converter at a small limit faults; double: a gain of the wrong size goes on.
-EXCESS = 1.25
+#: coarse converter at a small limit faults; double: a gain of the wrong size goes on.  And what
+#: rounding may add to it [N m or N], as a joint feels the codes of several motors.
+EXCESS, ROUNDED = 1.25, 2e-3
 #: A lamp goes back below this share of its threshold.
 HYSTERESIS = 0.9
 #: memory: hottest winding [degC] to a hundredth, stale joint and force readings, readings so far,
@@ -504,7 +505,7 @@ def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
 def exceeded(sent: Any, torque_limit: Any) -> bool:
     """Whether a driver sent more than `EXCESS` times the limit (d,) [N m], or no number."""
     for i in range(sent.size):
-        if not fabs(sent[i]) <= EXCESS * torque_limit[i]:
+        if not fabs(sent[i]) <= EXCESS * torque_limit[i] + ROUNDED:
             return True
     return False
 

@@ -259,6 +259,14 @@ def test_mistakes_in_the_urdf_of_an_arm_are_refused(tmp_path, change, said):
         open_rig(load_rig(path), 0).close()
 
 
+@pytest.mark.parametrize("end", ["100.01", "1e9"])
+def test_a_winch_and_a_joint_without_ends_are_no_degrees(tmp_path, end):
+    rig(tmp_path, 2)
+    turning = urdf(2).replace('lower="-2" upper="2"', f'lower="-{end}" upper="{end}"')
+    (tmp_path / "own.urdf").write_text(turning)
+    load_rig(tmp_path / "own.toml")
+
+
 def test_rotors_stand_in_for_links_without_mass(tmp_path):
     config = rig(tmp_path, 5)
     light = urdf(5).replace("inertial>", "visual>")

@@ -277,6 +277,14 @@ def test_a_driver_that_sends_more_than_the_limit_faults(bench, gain, state):
         assert (bench.arm.out == 0.0).all()
 
 
+def test_the_rounding_of_a_code_is_no_excess_at_a_small_limit():
+    bench = Bench(effort=1e-3, arm=ArmConfig(torque_limit=(1e-3,) * 3))
+    bench.arm.servo_jf = lambda effort, sent: sent.fill(2.5e-3) or Status.OK
+    assert bench.run() is State.ENABLED
+    bench.arm.servo_jf = lambda effort, sent: sent.fill(5e-3) or Status.OK
+    assert bench.run() is State.FAULT
+
+
 def test_no_power_goes_out_while_it_is_paused(bench):
     bench.loop.pause()
     bench.arm.servo_jf = lambda effort, sent: sent.fill(1.7) or Status.OK
