@@ -6,7 +6,9 @@ A target does with an input what a command does with a user's file.
 from __future__ import annotations
 
 import argparse
+import gzip
 import io
+import json
 import tempfile
 import zipfile
 from collections.abc import Callable, Sequence
@@ -246,6 +248,18 @@ def _hdf5() -> list[bytes]:
     return out
 
 
+def _gzip() -> list[bytes]:
+    return [gzip.compress(data) for data in _csv()]
+
+
+def _json() -> list[bytes]:
+    table = {name: column.tolist() for name, column in _columns().items()}
+    rows = [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+    nested = [{"t": row.pop("t"), "state": dict(row), "q": [row["q1"]], **row} for row in rows]
+    lines = "\n".join(map(json.dumps, nested))
+    return [lines.encode(), *(json.dumps(x).encode() for x in (rows, table, {"a": table}))]
+
+
 def _map(data: bytes, folder: Path) -> object:
     path, table = _put(data, folder, "map.toml"), _put(_csv()[0], folder, "run.csv")
     return import_table(table, read_map(path))
@@ -449,6 +463,8 @@ def _commands() -> list[bytes]:
 
 TARGETS: Sequence[Target] = (
     Target("csv", partial(_imported, "run.csv"), _csv),
+    Target("csv-gzip", partial(_imported, "run.csv.gz"), _gzip),
+    Target("json", partial(_read_here, "run.jsonl"), _json),
     Target("npz", partial(_read_here, "run.npz"), _npz),
     Target("mat", partial(_imported, "run.mat"), _mat),
     Target("parquet", partial(_imported, "run.parquet"), _parquet),

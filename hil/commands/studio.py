@@ -11,7 +11,7 @@ from typing import Any
 from hil import terminal
 from hil.commands import common
 from hil.errors import ConfigError, DataError
-from hil.record.table_files import FORMATS
+from hil.record.table_files import FORMATS, ending
 from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import Worker
@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
     """Sessions and model of the command line, or the table whose columns are to be picked."""
     table = args.sessions[0] if len(args.sessions) == 1 else ""
-    if table and Path(table).suffix.lower() in FORMATS:
+    if table and ending(table) in FORMATS:
         if not Path(table).is_file():
             raise DataError(f"table {table}: no such file")
         return None, table

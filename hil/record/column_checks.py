@@ -21,7 +21,8 @@ from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
 from hil.record.mapfile import Rule, TableMap, is_target
 from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
 from hil.record.schema import LAST_S
-from hil.record.table_files import ForeignTable, is_clock
+from hil.record.table_files import ForeignTable
+from hil.record.text_tables import is_clock
 from hil.record.units import FACTORS, Unit, epoch_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
 

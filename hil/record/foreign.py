@@ -1,4 +1,4 @@
-"""Arrays of a binary table (NPY to HDF5) or a ROS bag, read in a process with limits.
+"""Arrays of a binary table (NPY to HDF5), JSON or a ROS bag, read in a process with limits.
 
 The readers of these formats trust what a file says of itself: of a damaged one they claim any
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
@@ -11,16 +11,13 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import itertools
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from datetime import UTC, datetime, time, timedelta
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -29,6 +26,7 @@ from numpy.typing import NDArray
 
 from hil.errors import DataError
 from hil.record import bag_messages
+from hil.record.readers import DEEPEST, MOST_ARRAYS, NUMBERS
 from hil.userfile import open_regular
 
 Array = NDArray[np.generic]
@@ -37,8 +35,8 @@ Arrays = dict[str, "Array | dict[str, Array]"]
 #: Largest file [byte]; and what its arrays may take: a sum, and so many times the file.
 LARGEST = 2**33
 ROOM, RATIO = 2**26, 64
-#: Arrays in a file, and bytes of what is told of them.
-MOST_ARRAYS, LARGEST_HEAD = 4096, 2**22
+#: Bytes of what is told of the arrays of a file.
+LARGEST_HEAD = 2**22
 #: Working memory of a reader, in multiples of what the arrays may take.
 WORKING = 3
 #: Time for a file [s], and bytes a second beyond that.
@@ -49,8 +47,7 @@ _WORDS = (sys.executable, "-P", "-m", "hil.record.foreign")
 _SPARING = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
 #: Endings of ROS bags; a folder is one, too.
 _BAGS = (".bag", ".db3", ".mcap")
-#: Kinds of numbers that are handed over.
-_NUMBERS = "biuf"
+_BAG = "hil.record.bag_messages:messages"
 
 
 def allowed(size: int) -> int:
@@ -158,13 +155,13 @@ def _received(answer: IO[bytes], most: int) -> Arrays:
     parts = []
     for name, field, kind, shape in told["arrays"]:
         array = _array(answer, np.dtype(kind), tuple(shape), most)
-        most -= array.nbytes if array.dtype.kind in _NUMBERS else 0
+        most -= array.nbytes if array.dtype.kind in NUMBERS else 0
         parts.append((name, field, array))
     return _named(parts)
 
 
 def _array(answer: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...], most: int) -> Array:
-    if kind.kind not in _NUMBERS:
+    if kind.kind not in NUMBERS:
         return np.broadcast_to(np.zeros((), kind), shape)
     size = math.prod(shape) * kind.itemsize
     if min(shape, default=0) < 0 or size > most:
@@ -196,222 +193,24 @@ def _limit(most: int) -> None:
         resource.setrlimit(what, (least, hard))
 
 
-def _npz(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    """Members of a NPZ file that are arrays; every claim is looked at before memory is taken."""
-    import zipfile
-
-    with zipfile.ZipFile(path) as box:
-        members = [m for m in box.infolist() if m.filename.endswith(".npy")]
-        if not members:
-            raise DataError("holds no arrays")
-        if len(members) > MOST_ARRAYS:
-            raise DataError(f"holds {len(members)} arrays; at most {MOST_ARRAYS} are read")
-        total = sum(m.file_size for m in members)
-        if total > most:
-            raise DataError(
-                f"claims {total / 2**20:.4g} MiB of arrays; a file of its size may hold "
-                f"{most / 2**20:.4g} MiB"
-            )
-        for member in members:
-            name = member.filename.removesuffix(".npy")
-            with box.open(member) as file:
-                version = np.lib.format.read_magic(file)
-                old = version == (1, 0)
-                read = np.lib.format.read_array_header_1_0
-                read = read if old else np.lib.format.read_array_header_2_0
-                shape, _, kind = read(file)
-            if kind.hasobject:  # they would be pickled, which is never read
-                yield name, np.broadcast_to(np.zeros((), object), shape)
-                continue
-            claimed = math.prod(shape) * kind.itemsize
-            if claimed > member.file_size or min(shape, default=0) < 0:
-                raise DataError(f"array {name!r} claims {claimed} bytes and has {member.file_size}")
-            with box.open(member) as file:
-                yield name, np.lib.format.read_array(file, allow_pickle=False)
-
-
-def _npy(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    try:
-        yield Path(path).stem, np.load(path, mmap_mode="r", allow_pickle=False)
-    except ValueError as error:
-        with open(path, "rb") as file:
-            other = file.read(6) != np.lib.format.MAGIC_PREFIX
-        if other or not re.search("pickle|Python objects", str(error)):
-            raise
-        raise DataError(
-            "holds Python objects, which are never read: save an array of numbers, "
-            "e.g. np.save(file, array.astype(float))"
-        ) from None
-
-
-def _mat(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    import warnings
-
-    from scipy.io import loadmat
-
-    warnings.simplefilter("ignore")
-    for name, value in loadmat(path).items():
-        if not name.startswith("__"):
-            yield name, np.asarray(value)
-
-
-def _parquet(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    from pyarrow import parquet
-
-    file = parquet.ParquetFile(path, memory_map=True)
-    head = file.metadata
-    if head.num_columns > MOST_ARRAYS:
-        raise DataError(f"holds {head.num_columns} arrays; at most {MOST_ARRAYS} are read")
-    sizes = (head.row_group(k).total_byte_size for k in range(head.num_row_groups))
-    if (total := sum(sizes)) > most:
-        raise DataError(
-            f"claims {total / 2**20:.4g} MiB; a file of its size may hold {most / 2**20:.4g} MiB"
-        )
-    yield from _arrow(file.read(use_threads=False))
-
-
-def _feather(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    from pyarrow import feather
-
-    yield from _arrow(feather.read_table(path, use_threads=False))
-
-
-def _arrow(table: Any) -> Iterator[tuple[str, Array]]:
-    """Columns of an Arrow table; lists of one length become (n, k), times seconds since 1970."""
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        yield name, _arrow_column(column.combine_chunks(), table.num_rows)
-
-
-def _arrow_column(column: Any, n: int) -> Array:
-    import pyarrow as pa
-
-    kind = column.type
-    if pa.types.is_timestamp(kind):
-        whole = column.cast(pa.timestamp("ns", kind.tz), safe=False).cast(pa.int64())
-        return np.asarray(whole.to_numpy(zero_copy_only=False)) / 1e9
-    listed = pa.types.is_list(kind) or pa.types.is_large_list(kind)
-    if (listed or pa.types.is_fixed_size_list(kind)) and n and not column.null_count:
-        flat = _arrow_column(column.flatten(), len(column.flatten()))
-        if flat.ndim == 1 and flat.size % n == 0 and flat.dtype.kind in _NUMBERS:
-            lengths = np.asarray(column.value_lengths()) if not _fixed(kind) else np.zeros(1)
-            if np.ptp(lengths) == 0:
-                return flat.reshape(n, -1)
-    number = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
-    if not number:
-        return np.broadcast_to(np.zeros((), object), (n,))
-    if column.null_count or pa.types.is_boolean(kind):
-        column = column.cast(pa.float64(), safe=False)
-    return np.asarray(column.to_numpy(zero_copy_only=False))
-
-
-def _fixed(kind: Any) -> bool:
-    import pyarrow as pa
-
-    return bool(pa.types.is_fixed_size_list(kind))
-
-
-def _xlsx(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    """Sheets whose first row names their columns; one alone is the table, several are runs."""
-    from openpyxl import load_workbook
-
-    sheets = {}
-    with open(path, "rb") as file:  # opened here: a workbook that is damaged leaves its own open
-        for sheet in load_workbook(file, read_only=True, data_only=True).worksheets:
-            found = _sheet(sheet.iter_rows(values_only=True))
-            if found:
-                sheets[sheet.title] = found
-    for title, found in sheets.items():
-        kind = np.dtype([(n, object) for n in found])
-        record = np.empty(1, kind)
-        record[0] = tuple(found.values())
-        yield title, record
-
-
-def _sheet(rows: Iterator[tuple[Any, ...]]) -> dict[str, Array]:
-    """Columns of a sheet by the names above its numbers; nothing where it has no numbers."""
-    first = list(itertools.islice(rows, _ABOVE))
-    names, start = _head(first)
-    columns: list[list[float]] = [[] for _ in names]
-    for row in itertools.chain(first[start:], rows):
-        if any(x is not None for x in row):
-            for k in range(len(names)):
-                columns[k].append(_cell(row[k] if k < len(row) else None))
-    if not any(columns):
-        return {}
-    return {n: np.array(c) for n, c in zip(names, columns, strict=True) if n}
-
-
-#: Rows of a sheet among which its first numbers are sought.
-_ABOVE = 60
-
-
-def _head(rows: Sequence[tuple[Any, ...]]) -> tuple[list[str], int]:
-    """Names of the columns of a sheet, and the first row behind them.
-
-    They stand in the row above the numbers, or above their units; before them may stand titles.
-    """
-    from hil.record.guess import with_units
-
-    numbers = [_numbers_in(row) for row in rows]
-    pairs = enumerate(itertools.pairwise(numbers))
-    at = next((k for k, (one, two) in pairs if one > 1 and two > 1), 0)
-    filled = [k for k in range(at) if any(x is not None for x in rows[k])]
-    if not filled:
-        return [_word(x) for x in rows[0]] if rows else [], 1
-    names = [_word(x) for x in rows[filled[-1]]]
-    above = [_word(x) for x in rows[filled[-2]]] if len(filled) > 1 else []
-    if above and (units := with_units(above, names)):
-        return list(units), at
-    return names, at
-
-
-def _numbers_in(row: tuple[Any, ...]) -> int:
-    """How many cells of a row are numbers or times, where no other cell is words."""
-    cells = [x for x in row if x is not None and _word(x)]
-    values = [x for x in cells if not isinstance(x, str) or math.isfinite(_cell(x))]
-    return len(values) if len(values) == len(cells) else 0
-
-
-def _word(value: Any) -> str:
-    return "" if value is None else str(value).strip()
-
-
-def _cell(value: Any) -> float:
-    """Number of a cell; a date as seconds since 1970, a time of day since midnight, else NaN."""
-    if isinstance(value, datetime):
-        return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-    if isinstance(value, timedelta):
-        return value.total_seconds()
-    if isinstance(value, time):  # of day
-        return timedelta(
-            hours=value.hour,
-            minutes=value.minute,
-            seconds=value.second,
-            microseconds=value.microsecond,
-        ).total_seconds()
-    if isinstance(value, bool | int | float):
-        return float(value)
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
-
-
-#: Ending -> name of the reader here, what a file of it is called, module that the reader needs.
-_READERS: dict[str, tuple[str, str, str]] = {
-    ".npz": ("_npz", "an NPZ", ""),
-    ".npy": ("_npy", "an NPY", ""),
-    ".mat": ("_mat", "a MAT", "scipy.io"),
-    ".parquet": ("_parquet", "a Parquet", "pyarrow.parquet"),
-    ".pq": ("_parquet", "a Parquet", "pyarrow.parquet"),
-    ".feather": ("_feather", "a Feather", "pyarrow.feather"),
-    ".arrow": ("_feather", "an Arrow", "pyarrow.feather"),
-    ".xlsx": ("_xlsx", "an XLSX", "openpyxl"),
-    ".h5": ("_hdf5", "an HDF5", "h5py"),
-    ".hdf5": ("_hdf5", "an HDF5", "h5py"),
+#: Ending -> its reader, what a file of it is called, library that the reader needs.
+READERS: dict[str, tuple[str, str, str]] = {
+    ".npz": ("hil.record.readers:npz", "an NPZ", ""),
+    ".npy": ("hil.record.readers:npy", "an NPY", ""),
+    ".mat": ("hil.record.readers:mat", "a MAT", "scipy.io"),
+    ".parquet": ("hil.record.readers:parquet", "a Parquet", "pyarrow.parquet"),
+    ".pq": ("hil.record.readers:parquet", "a Parquet", "pyarrow.parquet"),
+    ".feather": ("hil.record.readers:feather", "a Feather", "pyarrow.feather"),
+    ".arrow": ("hil.record.readers:feather", "an Arrow", "pyarrow.feather"),
+    ".xlsx": ("hil.record.readers:xlsx", "an XLSX", "openpyxl"),
+    ".h5": ("hil.record.readers:hdf5", "an HDF5", "h5py"),
+    ".hdf5": ("hil.record.readers:hdf5", "an HDF5", "h5py"),
+    ".json": ("hil.record.readers:json_table", "a JSON", ""),
+    ".jsonl": ("hil.record.readers:json_table", "a JSON", ""),
+    ".ndjson": ("hil.record.readers:json_table", "a JSON", ""),
 }
-#: Endings of binary tables.
-BINARY = tuple(_READERS)
+#: Endings of tables that are read in a process of their own.
+BINARY = tuple(READERS)
 
 
 def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
@@ -427,15 +226,15 @@ def _parts(name: str, value: Array) -> Iterator[tuple[str, str | None, Array]]:
         yield from ((name, *part) for part in _within(field, inner, DEEPEST))
 
 
-#: Structs within structs of a MAT file that are looked into, and of a list of them so many.
-DEEPEST, MOST_LISTED = 6, 99
+#: Structs of a list of them that are looked into.
+MOST_LISTED = 99
 
 
 def _within(path: str, value: Array, deeper: int) -> Iterator[tuple[str, Array]]:
     """A field of a struct, or by dotted path the fields of the structs in it."""
     names = value.dtype.names
     if not names or not value.dtype.hasobject or not deeper or value.size > MOST_LISTED:
-        if value.ndim == 3 and value.shape[2] > 1 and value.dtype.kind in _NUMBERS:
+        if value.ndim == 3 and value.shape[2] > 1 and value.dtype.kind in NUMBERS:
             value = value.reshape(-1, value.shape[2]).T  # a sample a page, as Simulink logs it
         yield path, value
         return
@@ -461,85 +260,22 @@ def _is_hdf5(path: str) -> bool:
     return any(start[at : at + len(_HDF5)] == _HDF5 for at in _STARTS)
 
 
-def _hdf5(path: str, most: int) -> Iterator[tuple[str, Array]]:
-    """Data sets of an HDF5 file; groups of the same data sets beside each other are runs.
-
-    Links to other places are not followed.  MATLAB writes its arrays transposed, structs as groups.
-    """
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        matlab = any("MATLAB_class" in x.attrs for x in _children(file).values())
-        top: Any = file
-        within = _children(top)
-        while len(within) == 1 and isinstance(only := next(iter(within.values())), h5py.Group):
-            top, within = only, _children(only)
-        room = [most]
-        groups = {n: x for n, x in within.items() if isinstance(x, h5py.Group)}
-        alike = len({frozenset(_children(x)) for x in groups.values()}) == 1
-        runs = groups if len(groups) > 1 and (alike or matlab) else {}
-        for name, group in runs.items():
-            found = dict(_datasets(group, "", matlab, room, DEEPEST))
-            record = np.empty(1, np.dtype([(n, object) for n in found]))
-            record[0] = tuple(found.values())
-            yield name, record
-        for name, x in within.items():
-            if name not in runs:
-                yield from _datasets({name: x}, "", matlab, room, DEEPEST)
-
-
-def _children(group: Any) -> dict[str, Any]:
-    """What a group holds itself; none that a link to another place or file names."""
-    import h5py
-
-    if isinstance(group, dict):
-        return group
-    own = [n for n in group if isinstance(group.get(n, getlink=True), h5py.HardLink)]
-    return {n: group[n] for n in own if not n.startswith("#")}  # MATLAB's cells and its own
-
-
-def _datasets(
-    group: Any, path: str, matlab: bool, room: list[int], deeper: int
-) -> Iterator[tuple[str, Array]]:
-    """Data sets below a group by dotted path; `room` is what they may still take [byte]."""
-    import h5py
-
-    for name, x in _children(group).items():
-        if isinstance(x, h5py.Group):
-            if deeper:
-                yield from _datasets(x, f"{path}{name}.", matlab, room, deeper - 1)
-        elif isinstance(x, h5py.Dataset) and x.shape is not None:
-            text = matlab and x.attrs.get("MATLAB_class", b"double") in (b"char", b"cell")
-            if x.dtype.kind not in _NUMBERS + "V" or text:
-                yield path + name, np.broadcast_to(np.zeros((), object), x.shape)
-                continue
-            room[0] -= int(x.size) * x.dtype.itemsize
-            if room[0] < 0:
-                raise MemoryError
-            value = np.asarray(x[()])
-            yield path + name, value.T if matlab else value
-
-
-def _bag(path: str, most: int) -> Iterator[tuple[str, str | None, Array]]:
-    """Messages of a ROS bag."""
-    return bag_messages.messages(path, most)
-
-
 def _reader(path: str) -> tuple[str, str, str]:
-    """Name of the reader, what the file is called, and what it needs; a folder is a bag."""
+    """Place of the reader, what the file is called, and what it needs; a folder is a bag."""
     ending = os.path.splitext(path)[1].lower()
     if os.path.isdir(path) or ending in _BAGS:
-        return ("_bag", "a ROS bag", "rosbags")
+        return (_BAG, "a ROS bag", "rosbags")
     if ending == ".mat" and _is_hdf5(path):
-        return ("_hdf5", "a MAT (version 7.3)", "h5py")
-    return _READERS[ending]
+        return (READERS[".h5"][0], "a MAT (version 7.3)", "h5py")
+    return READERS[ending]
 
 
 def _answer(path: str, limited: bool = True) -> dict[str, Any]:
     """Read a file and write its arrays; what could not be read becomes a sentence."""
-    name, kind, needed = _reader(path)
-    reader: Callable[[str, int], Iterator[Any]] = globals()[name]
-    bag = name == "_bag"
+    place, kind, needed = _reader(path)
+    module, _, name = place.partition(":")
+    reader: Callable[[str, int], Iterator[Any]] = getattr(importlib.import_module(module), name)
+    bag = place == _BAG
     try:
         if bag:
             bag_messages.prepare()
@@ -584,13 +320,13 @@ def main(path: str) -> int:
     told = _answer(path)
     parts: list[tuple[str, str | None, Array]] = told.pop("parts", [])
     arrays = [
-        (n, f, _native(a.dtype) if a.dtype.kind in _NUMBERS else _other(a.dtype), a.shape)
+        (n, f, _native(a.dtype) if a.dtype.kind in NUMBERS else _other(a.dtype), a.shape)
         for n, f, a in parts
     ]
     head = json.dumps(told or {"arrays": arrays}).encode()
     out.write(len(head).to_bytes(8, "little") + head)
     for (_, _, kind, _), (_, _, a) in zip(arrays, parts, strict=True):
-        if a.dtype.kind in _NUMBERS:
+        if a.dtype.kind in NUMBERS:
             out.write(np.ascontiguousarray(a, np.dtype(kind)).tobytes())
     out.flush()
     return 0

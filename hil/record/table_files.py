@@ -1,44 +1,26 @@
-"""Columns of a table by name, whatever they mean: text, arrays, Parquet, sheets, data sets.
-
-Of a text table the first bad cell is named.
-"""
+"""Columns of a table by name, whatever they mean: text, arrays, Parquet, sheets, data sets."""
 
 from __future__ import annotations
 
-import codecs
-import csv
 import functools
-import io
-import itertools
-import math
 import re
-from array import array
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
 from hil.record.foreign import BINARY, Array, Arrays, read_arrays
-from hil.record.guess import with_units
-from hil.userfile import open_regular
+from hil.record.readers import NUMBERS
+from hil.record.text_tables import MOST_COLUMNS, PACKED, is_text, read_text_table
 
 FloatArray = NDArray[np.float64]
 #: Endings that tables usually have; any other text is one, too.
 FORMATS = (".csv", ".tsv", ".txt", ".lvm", ".asc", *BINARY)
 #: Endings of sessions and bags, which are not tables.
 _NOT_TABLES = (".mcap", ".bag", ".db3")
-#: Largest text table [byte], its longest row and column name [characters].
-LARGEST_TEXT, LONGEST_ROW, LONGEST_NAME = 2**33, 2**20, 256
-#: Rows that are looked at for a header after other lines.
-_PREAMBLE = 60
-#: A recording has some ten columns a joint; what has more is no table of samples.
-MOST_COLUMNS = 4096
 
 
 @dataclass(frozen=True)
@@ -91,378 +73,18 @@ class ForeignTable:
         return self.read(wanted)
 
 
+def ending(path: str | Path) -> str:
+    """Ending of a file's name in small letters; of one that is packed, of what is in it."""
+    name = Path(path)
+    packed = name.suffix.lower() in PACKED
+    return Path(name.stem if packed else name.name).suffix.lower()
+
+
 def text_table(path: Path, header_row: int = 0) -> ForeignTable:
-    """Open a text table: header row; comma, semicolon or tab between the cells.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header_row : int
-        Row with the names of the columns, as an editor counts; 0 to find it.
-
-    Raises
-    ------
-    DataError
-        If it is empty, not text, lacks a header row, or has rows, columns or names beyond
-        `LONGEST_ROW`, `MOST_COLUMNS` and `LONGEST_NAME`.
-    """
-    head, header = _given_header(path, header_row) if header_row else _header_line(path)
-    labview = not header_row and header.startswith(_LABVIEW)
-    if labview:
-        head, header = _labview(path)
-    elif not header_row and not header.lstrip().startswith(("#", "%")):
-        head, header = _after_preamble(path, head, header)
-    header = header.lstrip("#% ")
-    delimiter = max(";\t,", key=header.count)
-    spaced = delimiter not in header and _spaced(path, head, header)
-    header, delimiter = (",".join(header.split()), ",") if spaced else (header, delimiter)
-    names = _header_names(path, head, header, delimiter)
-    if labview and names[-1] == "Comment":  # of which rows have no cell
-        names = names[:-1]
-    body = _Body(path, head, spaced)
-    first = list(itertools.islice(body, 100))
-    if first and (units := _units_row(first[0][1], names, delimiter)):
-        names, body, first = units, _Body(path, first[0][0], spaced), first[1:]
-    if not first:
-        raise DataError(f"table {path} has a header row but no samples")
-    cells = [c.strip() for _, line in first for c in line.split(delimiter)]
-    comma = delimiter in (";", "\t") and not any(_is_number(c) and "." in c for c in cells)
-    reader = _TextColumns(path, names, delimiter, body, comma)
-    row = dict(zip(names, cells, strict=False))
-    return ForeignTable(path, names, reader, first[0][0], path.stem, first=row)
-
-
-#: How a measurement file of LabVIEW begins, and what ends each of its headers.
-_LABVIEW, _HEADER_ENDS = "LabVIEW Measurement", "***End_of_Header***"
-
-
-def _labview(path: Path) -> tuple[int, str]:
-    """Number and text of the row behind the last header of a measurement file of LabVIEW."""
-    rows = list(itertools.islice(_Body(path, 0), _PREAMBLE))
-    ends = [k for k, (_, line) in enumerate(rows) if line.startswith(_HEADER_ENDS)]
-    if not ends or ends[-1] + 1 >= len(rows):
-        raise DataError(f"table {path} begins as a file of LabVIEW, and has no {_HEADER_ENDS}")
-    return rows[ends[-1] + 1]
-
-
-def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[str, ...]:
-    try:
-        names = tuple(n.strip() for n in next(csv.reader([header], delimiter=delimiter)))
-    except csv.Error as error:
-        raise DataError(f"table {path}, row {head}: {error}; expected column names") from error
-    if all(_is_number(n) for n in names):
-        raise DataError(
-            f"table {path}: row {head} holds numbers; a header row with column names is needed"
-        )
-    _refuse_columns(path, names)
-    twice = sorted(n for n, count in Counter(names).items() if count > 1)
-    if twice:
-        raise DataError(f"table {path}: column {twice[0]!r} stands twice in the header")
-    return names
-
-
-def _given_header(path: Path, row: int) -> tuple[int, str]:
-    """Number and text of the row that a map names."""
-    for number, line in _Body(path, row - 1):
-        if number == row:
-            return number, line
-        break
-    raise DataError(f"table {path}: header_row = {row} in [table], but that row is empty or absent")
-
-
-def _after_preamble(path: Path, head: int, header: str) -> tuple[int, str]:
-    """The header where other lines stand before it: the row of names next to the numbers.
-
-    Raises
-    ------
-    DataError
-        If two rows before the numbers could be it.
-    """
-    rows = [(head, header), *itertools.islice(_Body(path, head), _PREAMBLE)]
-    at = next((k for k in range(len(rows) - 1) if _samples(rows[k : k + 2])), 0)
-    if at < 2:
-        return head, header
-    delimiter = _between(rows[at][1])
-    wide = len(rows[at][1].split(delimiter))
-    names = [_names_in(line, delimiter, wide) for _, line in rows[:at]]
-    last = at - 1
-    if names[last - 1] and _units_row(rows[last][1], names[last - 1], delimiter):
-        last -= 1
-    if last == 0 or not names[last]:
-        return head, header
-    if names[last - 1]:
-        one, two = rows[last - 1][0], rows[last][0]
-        raise DataError(
-            f"table {path}: the names of the columns may stand in row {one} or in row {two}. Where "
-            f"it is row {two}, say so in a map: [table] header_row = {two}; row {one} is not read "
-            f"then, nor are units in it. Else cut row {two}; a second row may hold their units, "
-            "e.g. s, deg, Nm"
-        )
-    return rows[last]
-
-
-def _between(row: str) -> str:
-    """What stands between the cells of a row of numbers; a comma may be their decimal point."""
-    return next((d for d in ";\t" if d in row), ",")
-
-
-def _samples(rows: Sequence[tuple[int, str]]) -> bool:
-    """Whether rows hold numbers or times alone, two or more and as many in each."""
-    cells = [[c.strip() for c in line.split(_between(line))] for _, line in rows]
-    plain = [c.replace(",", ".") for row in cells for c in row]
-    return (
-        len({len(row) for row in cells}) == 1
-        and len(cells[0]) > 1
-        and all(not c or _is_number(c) or _TIMED.match(c) for c in plain)
-        and all(any(map(str.strip, row)) for row in cells)
-    )
-
-
-def _names_in(line: str, delimiter: str, wide: int) -> tuple[str, ...]:
-    """Cells of a row that may hold the names of so many columns; empty where it cannot."""
-    cells = tuple(c.strip() for c in line.split(delimiter))
-    fits = len(cells) == wide == len(set(cells))
-    return cells if fits and not any(not c or _is_number(c) for c in cells) else ()
-
-
-def _units_row(row: str, names: Sequence[str], delimiter: str) -> tuple[str, ...]:
-    """Names with the units of a second header row; empty where the row is none."""
-    try:
-        cells = [c.strip() for c in next(csv.reader([row], delimiter=delimiter))]
-    except csv.Error:
-        return ()
-    return with_units(names, cells)
-
-
-def _refuse_columns(path: Path, names: Sequence[str]) -> None:
-    if len(names) > MOST_COLUMNS:
-        raise DataError(
-            f"table {path} has {len(names)} columns; at most {MOST_COLUMNS} are read. Are rows and "
-            "columns exchanged?"
-        )
-    longest = max(names, key=len, default="")
-    if len(longest) > LONGEST_NAME:
-        raise DataError(
-            f"table {path}: a column has a name of {len(longest)} characters "
-            f"({longest[:20]!r}...); at most {LONGEST_NAME} are read"
-        )
-
-
-def _spaced(path: Path, head: int, header: str) -> bool:
-    """Whether spaces stand between the cells: as many words in the first row as in the header."""
-    first = next(iter(_Body(path, head)), (0, ""))[1]
-    return 1 < len(header.split()) == len(first.split())
-
-
-@dataclass(frozen=True)
-class _Body:
-    """Rows of a text table that are not blank, each with its number, from after a row on."""
-
-    path: Path
-    head: int
-    #: Whether spaces stand between the cells; commas stand for them then.
-    spaced: bool = False
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        with (
-            open_regular(self.path, LARGEST_TEXT) as raw,
-            io.TextIOWrapper(raw, encoding=_encoding(raw), errors=_LATIN) as file,
-        ):
-            number = 0
-            try:
-                while line := file.readline(LONGEST_ROW):
-                    number += 1
-                    if len(line) == LONGEST_ROW:
-                        raise DataError(
-                            f"table {self.path}, row {number}: more than {LONGEST_ROW} characters; "
-                            "expected one sample a row"
-                        )
-                    if number > self.head and line.strip():
-                        line = line.rstrip("\n")
-                        yield number, ",".join(line.split()) if self.spaced else line
-            except UnicodeError as error:
-                raise DataError(
-                    f"table {self.path} is not a text file: behind row {number} are bytes that are "
-                    "no letters; export it as CSV in UTF-8"
-                ) from error
-
-
-def _latin(error: UnicodeError) -> tuple[str, int]:
-    """The letters and signs of Latin-1 (degree, micro, umlauts) where a byte is no UTF-8.
-
-    Older programs and spreadsheets write them so; any other byte is none of a text.
-    """
-    if isinstance(error, UnicodeDecodeError) and error.encoding == "utf-8":
-        found = error.object[error.start : error.end]
-        if min(found) >= _FIRST_LETTER:
-            return found.decode("latin-1"), error.end
-    raise error
-
-
-_LATIN, _FIRST_LETTER = "hil.latin", 0xA0
-codecs.register_error(_LATIN, _latin)
-
-
-def _is_text(path: Path) -> bool:
-    """Whether a file begins as text does: without zeros, but for the wide letters of UTF-16."""
-    with open_regular(path, LARGEST_TEXT) as file:
-        start = file.read(4096)
-    return b"\0" not in start or _wide(start) != ""
-
-
-def _encoding(file: BinaryIO) -> str:
-    """UTF-16 where a file begins like that, as some spreadsheets write it; else UTF-8."""
-    start = file.read(64)
-    file.seek(0)
-    return _wide(start) or "utf-8-sig"
-
-
-def _wide(start: bytes) -> str:
-    """UTF-16 where a text begins with its mark, or each second byte is zero; empty if not."""
-    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "utf-16"
-    even, odd = set(start[:64:2]), set(start[1:64:2])
-    if len(start) > 1 and 0 not in even and odd == {0}:
-        return "utf-16-le"
-    return "utf-16-be" if len(start) > 1 and 0 not in odd and even == {0} else ""
-
-
-def _header_line(path: Path) -> tuple[int, str]:
-    """Number and text of the header: the first row, or the last comment if numbers follow it."""
-    comment: tuple[int, str] | None = None
-    for number, line in _Body(path, 0):
-        if line.lstrip().startswith(("#", "%")):
-            comment = number, line
-        else:
-            first = line.replace(";", ",").replace("\t", ",").split(",", 1)[0]
-            return comment if comment is not None and _is_number(first) else (number, line)
-    raise DataError(f"table {path} is empty; a header row and samples are needed")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-@dataclass(frozen=True)
-class _TextColumns:
-    path: Path
-    names: tuple[str, ...]
-    delimiter: str
-    body: _Body
-    #: Whether a comma stands for the decimal point.
-    comma: bool
-
-    def __call__(self, wanted: Sequence[str]) -> dict[str, FloatArray]:
-        use = [self.names.index(n) for n in wanted]
-        if not use:
-            return {}
-        try:
-            rows = self._even()
-            block = np.loadtxt(rows, delimiter=self.delimiter, usecols=use, ndmin=2, comments=None)
-        except ValueError:
-            block = self._slowly(wanted, use)
-        return {name: block[:, k] for k, name in enumerate(wanted)}
-
-    def _even(self) -> Iterator[str]:
-        """Rows of as many cells as there are names; any other one is read slowly, and told."""
-        between = len(self.names) - 1
-        for _, line in self._lines():
-            more = line.count(self.delimiter) - between
-            if more and not (more == 1 and line.rstrip().endswith(self.delimiter)):
-                raise ValueError
-            yield line
-
-    def _lines(self) -> Iterator[tuple[int, str]]:
-        if not self.comma:
-            return iter(self.body)
-        return ((number, line.replace(",", ".")) for number, line in self.body)
-
-    def _slowly(self, wanted: Sequence[str], use: list[int]) -> FloatArray:
-        """Row by row: empty cells become NaN, the first bad cell is named."""
-        number = 0
-
-        def lines() -> Iterator[str]:
-            nonlocal number
-            for at, line in self._lines():
-                number = at
-                yield line
-
-        out = array("d")
-        cells = csv.reader(lines(), delimiter=self.delimiter)
-        try:
-            for row in cells:
-                out.extend(self._row(row, number, wanted, use))
-        except csv.Error as error:
-            raise DataError(f"table {self.path}, row {number}: {error}") from error
-        return np.frombuffer(out, np.float64).reshape(-1, len(use))
-
-    def _row(
-        self, row: Sequence[str], number: int, wanted: Sequence[str], use: Sequence[int]
-    ) -> Iterator[float]:
-        where = f"table {self.path}, row {number}"
-        if len(row) not in (len(self.names), len(self.names) + (row[-1].strip() == "")):
-            both = ""
-            if self.delimiter == "," and len(row) > len(self.names):
-                both = (
-                    ". Where a comma is the decimal mark, too, no program can tell which is which: "
-                    "export it with semicolons or tabs between the cells"
-                )
-            raise DataError(f"{where}: {len(row)} cells; expected {len(self.names)}{both}")
-        for name, column in zip(wanted, use, strict=True):
-            text = row[column].strip()
-            try:
-                yield math.nan if text.lower() in _NOTHING else float(text)
-            except ValueError:
-                if (seconds := _seconds(text, where, name)) is not None:
-                    yield seconds
-                    continue
-                shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
-                raise DataError(
-                    f"{where}: column {name!r} holds {shown!r}; expected a number. Names stand in "
-                    "one row, the last one before the numbers; a second row may hold their units. "
-                    "Say header_row = N in [table] of a map where other lines stand before the "
-                    "names, or begin these with #"
-                ) from None
-
-
-#: What stands in a cell without a value, in small letters.
-_NOTHING = frozenset(("", "-", "--", "n/a", "na", "#n/a", "null", "none", "nil"))
-
-
-def is_clock(text: str) -> bool:
-    """Whether a cell holds a time of day."""
-    return _CLOCK.fullmatch(text) is not None
-
-
-def _seconds(text: str, where: str, name: str) -> float | None:
-    """Seconds since 1970 of a date and time (ISO 8601, or 31.12.2024 23:59:59,5; UTC where it says
-    none), or since midnight of a time of day; None where a text is neither.
-    """
-    plain = _GERMAN.sub(r"\3-\2-\1 ", text).replace(",", ".") if _GERMAN.match(text) else text
-    if _CLOCK.fullmatch(plain):
-        hours, minutes, seconds = plain.replace(",", ".").split(":")
-        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
-    if not _DATE.match(plain):
-        return None
-    try:
-        when = datetime.fromisoformat(plain)
-    except ValueError as error:
-        raise DataError(f"{where}: column {name!r} holds {text!r}: {error}") from None
-    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
-
-
-#: Begin of a cell that holds a date and a time of day.
-_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:")
-_GERMAN = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4}) +(?=[0-9]{2}:)")
-#: Begin of a date or time of day.
-_TIMED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{2}\.[0-9]{2}\.[0-9]{4} |[0-2]?[0-9]:[0-5]")
-#: A time of day; a recording over midnight runs backward, and is refused for that.
-_CLOCK = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9](?:[.,][0-9]+)?")
+    """Open a text table; parameters and errors as of `read_text_table`."""
+    found = read_text_table(path, header_row)
+    run = Path(path.stem).stem if path.suffix.lower() in PACKED else path.stem
+    return ForeignTable(path, found.names, found.read, found.first_row, run, first=found.first)
 
 
 def open_table(
@@ -477,8 +99,8 @@ def open_table(
     Parameters
     ----------
     path : str or Path
-        Text of any ending (comma, semicolon, tab or space; header row), NPY, NPZ, MAT, HDF5,
-        Parquet, Feather or XLSX file, or the folder of a LeRobot data set.
+        Text of any ending (comma, semicolon, tab or space; header row), also packed; NPY, NPZ,
+        MAT, HDF5, Parquet, Feather, XLSX or JSON file, or the folder of a LeRobot data set.
     array : str
         The 2-D array (n, k), structured array or struct of a binary file that holds the columns.
     columns : sequence of str
@@ -502,17 +124,23 @@ def open_table(
             raise DataError(f"table {path} is empty (0 bytes); a header row and samples are needed")
         if path.suffix.lower() in BINARY:
             return _arrays(path, array, columns, run)
-        known = path.suffix.lower() in (".csv", ".tsv", ".txt")
-        if path.suffix.lower() in _NOT_TABLES or not (known or _is_text(path)):
+        kind = ending(path)
+        known = kind in (".csv", ".tsv", ".txt")
+        if kind in (*_NOT_TABLES, *BINARY) or not (known or is_text(path)):
             raise DataError(
-                f"table {path}: format {path.suffix!r}; expected text of any ending, or "
-                f"{', '.join(BINARY)}"
+                f"table {path}: format {kind!r}; expected text of any ending (also packed by gzip, "
+                f"bzip2 or xz), or {', '.join(BINARY)}{_unpack(path)}"
             )
         if run:
             raise DataError(f"table {path}: a text table holds one run; leave --run {run!r} out")
         return text_table(path, header_row)
     except OSError as error:
         raise DataError(f"table {path}: {error.strerror or error}") from error
+
+
+def _unpack(path: Path) -> str:
+    """What to do about a packed file that holds no text."""
+    return "; unpack the file first" if path.suffix.lower() in PACKED else ""
 
 
 def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
@@ -658,7 +286,7 @@ def _picker(
     def pick(wanted: Sequence[str]) -> dict[str, FloatArray]:
         out: dict[str, FloatArray] = {}
         for name in wanted:
-            if found[name].dtype.kind not in "biuf":
+            if found[name].dtype.kind not in NUMBERS:
                 raise DataError(
                     f"table {path}: column {name!r} is of type {found[name].dtype}; "
                     "expected numbers, real ones"

@@ -22,7 +22,7 @@ from hil.interrupt import held_back, with_its_parent
 from hil.models.model import base_model
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources
-from hil.record.table_files import FORMATS
+from hil.record.table_files import FORMATS, ending
 from hil.studio import intake
 from hil.studio import workbench as bench_verbs
 from hil.studio.workbench import Inputs, StudioRung, Workbench
@@ -92,7 +92,7 @@ class StudioSession:
 
     def open(self, path: str, use: str) -> dict[str, Any]:
         """Columns of a table to pick from, or a session or bag as it is."""
-        if Path(path).suffix.lower() in FORMATS:
+        if ending(path) in FORMATS:
             shown = intake.shown(Path(path))
             self.table = path
             return {"intake": shown | {"preview": None}}

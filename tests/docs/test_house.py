@@ -14,6 +14,7 @@ from hil.cli import COMMANDS
 from hil.commands.bench import BENCHES
 from hil.commands.experiment import EXPERIMENTS
 from hil.models import catalogue
+from hil.record import foreign
 from hil.record.export import write_recordings
 from hil.sim_devices import bench
 from hil.sim_devices.joints import bench as joint_bench
@@ -21,7 +22,7 @@ from hil.sim_devices.joints import bench as joint_bench
 ROOT = Path(__file__).parents[2]
 #: Most modules; most modules that exactly one other imports; most of these that no table names: a
 #: module that a table loads by its name is found there, and one import more is no reason to merge.
-MODULES, ONE_IMPORTER, UNNAMED = 341, 25, 14
+MODULES, ONE_IMPORTER, UNNAMED = 343, 25, 14
 #: Most modules (packages apart) that one diagnosis of a session loads.
 OF_A_DIAGNOSIS = 90
 _COUNT = """
@@ -68,6 +69,7 @@ def _named_by_tables() -> set[str]:
     rows += [row.module for row in COMMANDS.values()]
     rows += [row.place for row in (*BENCHES.values(), *EXPERIMENTS.values())]
     rows += [*catalogue.MODULES, *bench.BOXES.values()]
+    rows += [place for place, _, _ in foreign.READERS.values()]
     rows += [module for module, _ in joint_bench.BOXES.values()]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     for group in (project["scripts"], *project["entry-points"].values()):

@@ -499,8 +499,8 @@ def test_what_a_reader_answers_is_checked_again(tmp_path, refuse, monkeypatch):
 def test_memory_of_a_reader_is_limited(tmp_path):
     (tmp_path / "run.npz").write_bytes(b"x")
     script = (
-        "from hil.record import foreign\n"
-        "foreign._npz = lambda path, most: iter([('t', bytearray(2**33))])\n"
+        "from hil.record import foreign, readers\n"
+        "readers.npz = lambda path, most: iter([('t', bytearray(2**33))])\n"
         f"print(foreign._answer({str(tmp_path / 'run.npz')!r}))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import tomllib
 from dataclasses import replace
@@ -25,7 +26,7 @@ from hil.record.checks import check
 from hil.record.guess import propose
 from hil.record.mapfile import parse_map, read_map
 from hil.record.mcap_read import load
-from hil.record.table_files import text_table
+from hil.record.table_files import open_table, text_table
 from hil.record.tables import import_table
 
 
@@ -68,6 +69,23 @@ def matlab(path, structs):
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512, b" "))
 
 
+def json_lines(frame, path):
+    """Lines as a robot's program logs them: lists, an object within, a value that is absent."""
+    parts = (frame["t"], frame[["q1", "q2"]].to_numpy(), frame[["tau1", "tau2"]].to_numpy())
+    rows = [
+        {"t": t, "q": q.tolist(), "torque": {"motor": tau.tolist()}, "note": "free"}
+        for t, q, tau in zip(*parts, strict=True)
+    ]
+    rows[3] |= {"event": 1}
+    text = "\n".join(map(json.dumps, rows))
+    path.write_text(text + '\n{"t": 0.4, "q": [0.')  # the program was killed
+    return parse_map({"columns": {"tau1": "torque.motor1", "tau2": "torque.motor2"}})
+
+
+def json_lists(frame, path):
+    path.write_text(json.dumps(frame.to_dict("list"), indent=1))
+
+
 T_S = np.arange(500) * 0.004
 FORMATS = {
     ".parquet": lambda f, p: f.to_parquet(p),
@@ -79,6 +97,12 @@ FORMATS = {
     ".hdf5": hdf5,
     ".csv": lambda f, p: f.to_csv(p, index=False, encoding="utf-16"),
     ".txt": lambda f, p: f.to_csv(p, index=False, sep=" "),
+    ".csv.gz": lambda f, p: f.to_csv(p, index=False),
+    ".tsv.bz2": lambda f, p: f.to_csv(p, index=False, sep="\t"),
+    ".log.xz": lambda f, p: f.to_csv(p, index=False),
+    ".jsonl": json_lines,
+    ".ndjson": json_lines,
+    ".json": json_lists,
 }
 
 
@@ -468,6 +492,65 @@ def test_groups_of_other_arrays_are_parts_of_one_table(tmp_path, frame):
     names = {"t": "clock.t"} | {f"{n}{k}": f"robot.{n}{k}" for n in ("q", "tau") for k in (1, 2)}
     found = import_table(tmp_path / "run.h5", parse_map({"columns": names})).recordings[0]
     np.testing.assert_allclose(found.q, frame[["q1", "q2"]], rtol=1e-14)
+
+
+def test_objects_of_json_beside_each_other_are_runs(tmp_path, frame):
+    one = frame.to_dict("list")
+    path = tmp_path / "runs.json"
+    path.write_text(json.dumps({"a": one, "b": one | {"q1": [x + 1 for x in one["q1"]]}}))
+    with pytest.raises(DataError, match="holds 2 runs; choose one with --run: a, b"):
+        import_table(path)
+    found = import_table(path, run="b").recordings[0]
+    np.testing.assert_allclose(found.q, frame[["q1", "q2"]] + [1, 0], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[1, 2]", "sample 1 is no object of JSON: '1'"),
+        ('{"t": 0}\n{"t": \n{"t": 1}', "holds no JSON in line 2; expected an object a line"),
+        ("{" * 99999, "is not a JSON file"),
+        ('"text"', "holds no objects of JSON"),
+        ('{"t": [0, 1], "q1": ["a", "b"], "tau1": [0, 1]}', "'q1' is of type object"),
+    ],
+)
+def test_json_that_is_no_table_is_a_sentence(tmp_path, text, sentence):
+    path = tmp_path / "run.json"
+    path.write_text(text)
+    with pytest.raises(DataError, match=sentence):
+        import_table(path)
+
+
+def test_dates_in_json_are_times_and_what_is_absent_is_missing(tmp_path, frame):
+    rows = frame[["q1", "tau1"]].to_dict("records")
+    start = datetime(2026, 5, 1, 12, tzinfo=UTC)
+    rows = [
+        r | {"t": (start + k * timedelta(seconds=0.01)).isoformat()} for k, r in enumerate(rows)
+    ]
+    del rows[5]["tau1"]
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps(rows))
+    found = open_table(path).columns(["t", "tau1"])
+    np.testing.assert_allclose(np.diff(found["t"]), 0.01, atol=1e-6)
+    assert np.flatnonzero(np.isnan(found["tau1"])).tolist() == [5]
+
+
+def test_a_packed_table_that_is_cut_off_or_claims_too_much_is_a_sentence(tmp_path, frame):
+    cut, bomb = tmp_path / "cut.csv.gz", tmp_path / "bomb.csv.gz"
+    frame.to_csv(cut, index=False)
+    cut.write_bytes(cut.read_bytes()[:-2000])
+    with pytest.raises(DataError, match=r"unpacked behind row \d+: .* Unpack what is left"):
+        import_table(cut)
+    with gzip.open(bomb, "wb") as file:
+        file.write(b"t,q1,tau1\n")
+        for _ in range(80):
+            file.write(b"\n" * 2**20)
+    with pytest.raises(DataError, match=r"unpacks to more than 6\d.* MiB"):
+        import_table(bomb)
+    with gzip.open(tmp_path / "run.npy.gz", "wb") as file:
+        np.save(file, frame.to_numpy())
+    with pytest.raises(DataError, match=r"format '\.npy'; .*unpack the file first"):
+        import_table(tmp_path / "run.npy.gz")
 
 
 def test_what_an_hdf5_file_claims_has_a_bound(tmp_path):
