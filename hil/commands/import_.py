@@ -38,7 +38,7 @@ from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
-from hil.record.units import epoch_unit
+from hil.record.units import axes_unit, epoch_unit
 from hil.userfile import read_text, write_text
 
 
@@ -221,8 +221,9 @@ def _add_meaning(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit",
         default="",
-        choices=("rad", "m", "deg"),
-        help="unit of the axes, without a URDF; deg: positions in degrees, speeds in degrees/s",
+        metavar="UNIT",
+        help="unit of the axes, without a URDF: rad, m, or one a joint (rad,m); deg: positions in "
+        "degrees, speeds in degrees/s",
     )
     parser.add_argument(
         "--torque-constant",
@@ -354,7 +355,7 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         force_axes=args.force_axes,
         arm=args.arm,
         run=which,
-        unit=args.unit,
+        unit=axes_unit(args.unit, ["deg"]),
         torque_constant=_constants(args.torque_constant),
         missing=args.missing,
         joints=common.bag_joints(args),

@@ -331,10 +331,10 @@ def _second_order(model: RobotModel) -> str:
 def _bare(model: RobotModel) -> Robot:
     """Robot of a model without a recording; axes whose inertia is a mass slide."""
     names, source = _names(model), model.robot
-    units = {v.unit for name, v in model.values().items() if name.startswith("rigid-body.m")}
-    if source.urdf or source.preset not in ("", "single-axis") or units != {"kg"}:
+    units = [v.unit for name, v in model.values().items() if name.startswith("rigid-body.m")]
+    if source.urdf or source.preset not in ("", "single-axis") or len(units) != len(names):
         return bare_robot(source, names)
-    return IndependentAxes(names, "m")
+    return IndependentAxes(names, " ".join("m" if unit == "kg" else "rad" for unit in units))
 
 
 def _names(model: RobotModel) -> tuple[str, ...]:

@@ -76,27 +76,34 @@ class IndependentAxes:
     """Axes that do not feel each other: one inertia each (preset ``single-axis``).
 
     tau_j = m_j qdd_j
+
+    `units` is that of all, ``"rad"`` or ``"m"``, or one a joint: ``"rad m"``.
     """
 
     has_armature = False
     links: tuple[int, ...] = ()
 
-    def __init__(self, joints: tuple[str, ...], unit: str = "rad") -> None:
-        self.joints = joints
-        self.units = tuple(unit for _ in joints)
+    def __init__(self, joints: tuple[str, ...], units: str = "rad") -> None:
+        each = tuple(units.split())
+        self.joints, self.units = joints, each if len(each) == len(joints) else each * len(joints)
         single = len(joints) == 1
         self.names = ("m",) if single else tuple(f"m{j + 1}" for j in range(len(joints)))
-        self.param_units = tuple("kg m^2" if unit == "rad" else "kg" for _ in joints)
+        self.param_units = tuple("kg m^2" if unit == "rad" else "kg" for unit in self.units)
         self.prior = np.zeros(len(joints))
 
     @property
     def tree(self) -> Tree:
         """Bodies beside each other: on upright hinges, or on level slides."""
-        d, turning = len(self.joints), self.units[:1] == ("rad",)
+        d = len(self.joints)
         one = np.array([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1])
-        own = one if turning else np.where(np.arange(10), 1e-3 * one, one)
+        own = np.zeros((10 * d, d))
         axis = np.zeros((d, 6))
-        axis[:, 5 if turning else 0] = 1.0
+        for k, unit in enumerate(self.units):
+            turns = unit == "rad"
+            axis[k, 5 if turns else 0] = 1.0
+            own[10 * k : 10 * k + 10, k] = (
+                one if turns else np.where(np.arange(10), 1e-3 * one, one)
+            )
         return Tree(
             self.joints,
             np.full(d, -1, dtype=np.int64),
@@ -106,7 +113,7 @@ class IndependentAxes:
             np.array([0.0, 0.0, -9.81]),
             np.eye(d),
             np.zeros(d),
-            np.kron(np.eye(d), own[:, None]),
+            own,
         )
 
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
@@ -166,7 +173,7 @@ def _omni(recording: Recording) -> Robot:
 
 
 def _axes(recording: Recording) -> Robot:
-    return IndependentAxes(recording.joints, recording.metadata.get("unit", "rad"))
+    return IndependentAxes(recording.joints, " ".join(recording.units))
 
 
 PRESETS: dict[str, Callable[[Recording], Robot]] = {

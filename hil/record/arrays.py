@@ -73,9 +73,9 @@ def from_arrays(
         Map file, the name of a built-in one, or what stands in one as a dictionary, for columns of
         other names and units: ``{"columns": {"q1": {"from": "angle", "unit": "deg"}}}``.
     tip, unit, arm, name : str
-        Frame of the wrench, unit of the axes without a URDF (``"rad"``, ``"m"``, or
-        ``"deg"`` for positions in degrees), names of the
-        arm and of the run.
+        Frame of the wrench, unit of the axes without a URDF (``"rad"``, ``"m"``, one a
+        joint as ``"rad m"``, or ``"deg"`` for positions in degrees), names of the arm and of the
+        run.
     missing : str
         What becomes of rows with missing values: ``"refuse"``, ``"drop"`` or ``"interpolate"``.
 
@@ -105,8 +105,9 @@ def from_arrays(
         found = _array_columns(t, {"q": q, "tau": tau, **more}, wrench)
     from hil.record.table_files import ForeignTable
     from hil.record.tables import read_columns
+    from hil.record.units import axes_unit
 
-    given = replace(_map(map), tip=tip or _map(map).tip).within(_known("unit", unit, _UNITS), ())
+    given = replace(_map(map), tip=tip or _map(map).tip).within(axes_unit(unit, ["deg"]), ())
     given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
@@ -126,7 +127,6 @@ def from_arrays(
     return run if described else _named(run, tuple(joints))
 
 
-_UNITS = ("rad", "m", "deg")
 _MISSING = ("refuse", "drop", "interpolate")
 
 

@@ -18,7 +18,7 @@ from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
-from hil.record.units import epoch_unit
+from hil.record.units import axes_unit, epoch_unit
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -456,7 +456,7 @@ def _recording(
         wrench=None if wrench is None else wrench[keep],
         robot=what.robot,
         metadata={
-            "unit": "m" if set(what.units) == {"m"} else "rad",
+            "unit": axes_unit(what.units),
             "note": note,
             BAG: str(bag.path),
             **_began(state, stamps[keep[0]], clock),

@@ -217,10 +217,9 @@ def described_joints(recording: Recording) -> tuple[UrdfJoint, ...]:
 def _units(r: Recording) -> Iterator[DataFault]:
     listed = described_joints(r)
     described = bool(listed)
-    unit = r.metadata.get("unit", "rad")
     stated = r.metadata.get(STATED, "").split()
     for k, name in enumerate(r.joints):
-        joint = listed[k] if described else UrdfJoint(name, unit)
+        joint = listed[k] if described else UrdfJoint(name, r.units[k])
         q = r.q[:, k]
         doubted = str(k + 1) not in stated and UNIT_SAID not in r.metadata
         if doubted and physics.unit_doubt(q, joint, described):
@@ -427,7 +426,7 @@ def joint_units(recording: Recording) -> tuple[str, ...]:
     listed = described_joints(recording)
     if listed:
         return tuple(j.unit for j in listed)
-    return (recording.metadata.get("unit", "rad"),) * recording.d
+    return recording.units
 
 
 def column_unit(column: str, axis: str) -> str:

@@ -23,7 +23,7 @@ from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
 from hil.record.schema import LAST_S
 from hil.record.table_files import ForeignTable
 from hil.record.text_tables import is_clock
-from hil.record.units import FACTORS, Unit, epoch_unit, stem_of, time_unit
+from hil.record.units import FACTORS, Unit, axis_of, epoch_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
 
 FloatArray = NDArray[np.float64]
@@ -143,10 +143,12 @@ def in_named_units(rules: Mapping[str, Rule]) -> tuple[dict[str, Rule], list[str
             continue
         name = next(iter(rule.terms))
         unit = quantity(name)[1]
+        axis = axis_of(target, unit)
         if not unit or FACTORS[stem_of(target)].get(unit) == 1.0:
+            out[target] = replace(rule, axis=axis)
             continue
         factor, shift = Unit(unit).to_si(target)
-        out[target] = replace(rule, terms={name: factor}, shift=shift, stated=True)
+        out[target] = replace(rule, terms={name: factor}, shift=shift, stated=True, axis=axis)
         said.append(f"{target} is read in {unit}, as the name of its column {name!r} says")
     return out, said
 
@@ -458,7 +460,7 @@ def refuse_units(
         if rules[k].stated:
             continue
         q = recording.q[:, k]
-        joint = joints[k] if joints else UrdfJoint(name, recording.metadata["unit"])
+        joint = joints[k] if joints else UrdfJoint(name, recording.units[k])
         bounded = math.isfinite(joint.upper) and math.isfinite(joint.lower)
         source = next(iter(rules[k].terms), f"q{k + 1}")
         if counts_doubt(q):
@@ -494,7 +496,7 @@ def _refuse_mixed(table: ForeignTable, r: Recording, k: int) -> None:
     factor, correlation = velocity_factor(r.t, r.q[:, k], r.qd[:, k])
     degrees = {math.pi / 180: f"q{k + 1}", 180 / math.pi: f"qd{k + 1}"}
     for known, column in degrees.items():
-        if correlation > 0.98 and abs(factor / known - 1) < 0.05 and r.metadata["unit"] == "rad":
+        if correlation > 0.98 and abs(factor / known - 1) < 0.05 and r.units[k] == "rad":
             raise DataError(
                 f"table {table.path}: qd{k + 1} is {factor:.4g} times the derivative of "
                 f"q{k + 1}, so {column} is in degrees. Scale it in a map: [columns] "

@@ -146,12 +146,13 @@ def _joint_panels(box: Container, topics: list[Topic], ending: str, part: str) -
         if _kind(t) != "JointState" or not t.name.endswith(ending):
             continue
         arm = t.name.strip("/").partition("/")[0]
-        unit = box.metadata.get(f"robot/{arm}", {}).get("unit", "rad")
+        units = box.metadata.get(f"robot/{arm}", {}).get("unit", "rad").split()
         joints, parts = decode_joint_state(t.only(np.arange(len(t)) < 1))
         if parts[part] is not None:
             made = tuple(Curve(j, t.name, (part, j), k) for k, j in enumerate(joints))
             named = f"{t.name} {part}" if ending == "measured_js" else t.name
-            out.append(Panel(named, _UNITS.get(unit, _UNITS["rad"])[part], made, t.schema))
+            said = " or ".join(_UNITS.get(u, _UNITS["rad"])[part] for u in dict.fromkeys(units))
+            out.append(Panel(named, said, made, t.schema))
     return tuple(out)
 
 

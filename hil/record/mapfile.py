@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.record.units import Unit, scale_asked, stem_of
+from hil.record.units import Unit, axes_unit, axis_of, scale_asked, stem_of
 from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
@@ -37,13 +37,14 @@ class Rule:
     """One column of the recording from those of the table: sum of weight * source, + shift.
 
     `stated`: its unit was said, or a scale, so that nobody doubts it.  `unwrap`: a position that
-    wraps is made continuous.
+    wraps is made continuous.  `axis`: ``"rad"`` or ``"m"`` where its unit says that of its joint.
     """
 
     terms: Mapping[str, float]
     shift: float = 0.0
     stated: bool = False
     unwrap: bool = True
+    axis: str = ""
 
     def apply(self, columns: Mapping[str, FloatArray], n: int) -> FloatArray:
         """Values (n,) of the column."""
@@ -66,7 +67,8 @@ class TableMap:
     force_axes : str
         Link of the URDF in whose axes the force is; ``""`` = the base's.
     unit : str
-        Unit of the axes, ``"rad"`` or ``"m"``; ``""`` = not said (rad is taken and doubted).
+        Unit of the axes, ``"rad"`` or ``"m"``, or one a joint (``"rad m"``); ``""`` = not said
+        (that of the columns is taken, else rad, and doubted).
     array, columns : str, tuple of str
         Which 2-D array, and the names of its columns.
     rate_hz : float
@@ -163,7 +165,8 @@ def _in_units(target: str, rule: Rule, units: Mapping[str, Unit]) -> Rule:
         return rule
     factor, zero = units[stem].to_si(target)
     terms = {name: factor * weight for name, weight in rule.terms.items()}
-    return replace(rule, terms=terms, shift=rule.shift + zero, stated=True)
+    axis = axis_of(target, units[stem].name)
+    return replace(rule, terms=terms, shift=rule.shift + zero, stated=True, axis=axis)
 
 
 def refuse_constants(units: Mapping[str, Unit], joints: int) -> None:
@@ -335,8 +338,6 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
     if data.get("schema", SCHEMA) != SCHEMA:
         raise ConfigError(f"schema is {data['schema']!r}, expected {SCHEMA!r}")
     robot, table = _table(data, "robot", _ROBOT), _table(data, "table", _TABLE)
-    if robot.get("unit", "") not in ("", "rad", "m"):
-        raise ConfigError(unknown("unit", str(robot["unit"]), ("rad", "m")))
     if "urdf" in robot and "preset" in robot:
         raise ConfigError("[robot] has both urdf and preset; keep one")
     for key, values in _POLICIES.items():
@@ -350,7 +351,7 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
         urdf=str(robot.get("urdf", "")),
         tip=str(robot.get("tip", "")),
         force_axes=str(robot.get("force_axes", "")),
-        unit=str(robot.get("unit", "")),
+        unit=axes_unit(robot.get("unit", "")),
         array=str(table.get("array", "")),
         columns=_names(table.get("columns", ())),
         rate_hz=_number(table.get("rate_hz", 0.0), "table.rate_hz"),
@@ -489,7 +490,8 @@ def _rule(target: str, entry: Any, units: Mapping[str, Unit]) -> Rule:
     if not isinstance(unwrap, bool) or (not unwrap and stem_of(target) != "q"):
         raise ConfigError(f"column {target!r}: unwrap is of positions, true or false")
     shift = zero + _number(entry.get("shift", 0.0), f"{target}.shift")
-    return Rule(weights, shift, stated, unwrap)
+    named = str(entry.get("unit") or units.get(stem_of(target), Unit()).name)
+    return Rule(weights, shift, stated, unwrap, axis_of(target, named))
 
 
 def _to_si(target: str, entry: Mapping[str, Any], units: Mapping[str, Unit]) -> tuple[float, float]:

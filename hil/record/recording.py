@@ -154,6 +154,12 @@ class Recording(Shown):
         """Number of joints."""
         return int(self.q.shape[1])
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint, ``"rad"`` or ``"m"``, as the recording says it."""
+        said = self.metadata.get("unit", "rad").split()
+        return tuple(said) if len(said) == self.d else (*said, "rad")[:1] * self.d
+
     @cached_property
     def period(self) -> float:
         """Median time from one sample to the next [s]; the mean one where most stamps repeat."""
@@ -178,7 +184,7 @@ class Recording(Shown):
         joints : sequence of int, optional
             Joints that turn; by default all, where the unit is rad.
         """
-        turning = range(self.d) if self.metadata.get("unit", "rad") == "rad" else ()
+        turning = [k for k, unit in enumerate(self.units) if unit == "rad"]
         kept = self.metadata.get(AS_IS, "").split()
         columns, said = {}, [x for x in [self.metadata.get(UNWRAPPED)] if x]
         for k in turning if joints is None else joints:

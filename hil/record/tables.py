@@ -38,7 +38,7 @@ from hil.record.mapfile import Rule, TableMap, is_target, refuse_constants
 from hil.record.recording import GROUPS, SIGNAL, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
-from hil.record.units import time_unit
+from hil.record.units import axes_unit, time_unit
 from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 
@@ -358,6 +358,7 @@ def _arm(
     said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
     order = fitted.order or range(d)
     positions = [rules[f"q{k + 1}"] for k in order]
+    said |= {"unit": _axes(given, fitted, rules, order)}
     positions, units, told = judged_wraps(table, positions, wrapped, given)
     said = {**said, **units, **fitted.said}
     recording = _recording(arm, table, values, order, fitted, given, said)
@@ -365,6 +366,25 @@ def _arm(
         refuse_units(table, recording, joints, positions)
     notes = [*fitted.notes, *timed, *named, *told_of, *resampled, *mended, *told]
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
+
+
+def _axes(
+    given: TableMap, fitted: ColumnsRobot, rules: Mapping[str, Rule], order: Sequence[int]
+) -> str:
+    """Unit of the axes: of the map, the robot, or the units of their columns; one, or one each."""
+    d = len(order)
+    if given.unit:
+        if len(given.unit.split()) not in (1, d):
+            raise ConfigError(
+                f"unit {given.unit!r} is of {len(given.unit.split())} joints, but there are {d}; "
+                "say one, or one a joint"
+            )
+        return given.unit
+    units = [j.unit for j in fitted.joints]
+    for k in order if not units else ():
+        columns = (rules.get(f"{stem}{k + 1}") for stem in ("q", "qd", "tau", "tauext"))
+        units.append(next((c.axis for c in columns if c is not None and c.axis), "rad"))
+    return axes_unit(units)
 
 
 def _sources(
@@ -413,7 +433,6 @@ def _recording(
         wrench = np.stack([values.get(name, zero) for name in WRENCH], axis=1)
         if given.force_axes:
             wrench = _of_base(wrench, given.force_axes, fitted, stacked["q"])
-    metres = joints and all(j.unit == "m" for j in joints)
     names = tuple(j.name for j in joints) or tuple(f"joint{k + 1}" for k in order)
     return Recording(
         name=table.run,
@@ -428,7 +447,7 @@ def _recording(
         current=stacked.get("current"),
         temperature=stacked.get("temperature"),
         robot=fitted.robot,
-        metadata={"unit": given.unit or ("m" if metres else "rad"), **said},
+        metadata=dict(said),
     )
 
 

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from hil.errors import ConfigError, unknown
 
@@ -54,6 +55,44 @@ def scale_asked(stem: str, unit: str) -> str:
 #: Zero of a scale in SI.
 _SHIFTS = {"K": -273.15}
 _SAME = {"°": "deg", "µs": "us", "μs": "us", "°C": "degC", "°/s": "deg/s", "sec": "s"}
+
+
+#: What a unit of positions, speeds or efforts says of its joint: that it turns or that it slides.
+_AXES = dict.fromkeys([*_ANGLE, *(f"{u}/s" for u in _ANGLE), "rpm", *_TORQUE], "rad")
+_AXES |= dict.fromkeys([*_LENGTH, *(f"{u}/s" for u in _LENGTH), *_FORCE], "m")
+
+
+def axis_of(target: str, unit: str) -> str:
+    """Unit of a joint, ``"rad"`` or ``"m"``, that the unit of one of its columns says; or empty."""
+    known = _AXES if stem_of(target) in ("q", "qd", "tau", "tauext") else {}
+    return known.get(_SAME.get(unit.strip(), unit.replace(" ", "")), "")
+
+
+def axes_unit(given: Any, alone: Sequence[str] = ()) -> str:
+    """Unit of the axes as a person says it: ``"rad"``, ``"m"``, or one a joint (``"rad m"``).
+
+    Parameters
+    ----------
+    given : str or sequence of str
+        Words with spaces or commas between them, or a list of them.
+    alone : sequence of str
+        Further words that may stand alone.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
+    words = re.split(r"[ ,]+", given.strip()) if isinstance(given, str) else given
+    words = [] if words == [""] else words
+    if not isinstance(words, list | tuple):
+        raise ConfigError(unknown("unit", str(given), ("rad", "m", *alone)))
+    if len(words) == 1 and words[0] in alone:
+        return str(words[0])
+    for word in words:
+        if word not in ("rad", "m"):
+            raise ConfigError(unknown("unit", str(word), ("rad", "m", *alone)))
+    return " ".join(words[:1] if len(set(words)) == 1 else words)
 
 
 def stem_of(target: str) -> str:

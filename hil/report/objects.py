@@ -90,7 +90,8 @@ def sheet(shown: Any) -> Sheet:
 
 @sheet.register
 def _(shown: Recording) -> Sheet:
-    unit = shown.metadata.get("unit", "rad")
+    units = dict.fromkeys(shown.units)
+    unit = " or ".join(units)
     rows: list[list[Cell]] = []
     for k, joint in enumerate(shown.joints):
         q, tau = shown.q[:, k], shown.tau[:, k]
@@ -101,7 +102,7 @@ def _(shown: Recording) -> Sheet:
     robot = shown.robot.preset or "a URDF"
     lines = [f"arm {shown.arm}; robot: {robot}"]
     lines += [f"also recorded: {', '.join(beside)}"] if beside else []
-    effort = "N" if unit == "m" else "N m"
+    effort = " or ".join("N" if u == "m" else "N m" for u in units)
     head = ("joint", f"lowest [{unit}]", f"highest [{unit}]", f"rms effort [{effort}]")
     return Sheet(f"Recording {shown.name!r}: {length}, {shown.n} samples", tuple(lines), head, rows)
 

@@ -29,7 +29,7 @@ from hil.record.mapfile import SCHEMA, parse_map
 from hil.record.recording import Recording
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.tables import Imported, import_table
-from hil.record.units import FACTORS
+from hil.record.units import FACTORS, axis_of
 from hil.report.data import rounded
 from hil.testing.effects import check_effect
 from hil.userfile import write_text
@@ -117,10 +117,14 @@ class Picked:
                 )
             columns[target] = self._rule(row)
         out: dict[str, Any] = {"schema": SCHEMA, "columns": columns}
-        lengths = [r["unit"] for r in self.columns if r["kind"] == "q"]
+        placed = sorted(
+            (int(r["joint"]), axis_of("q", r["unit"]) or "rad")
+            for r in self.columns
+            if r["kind"] == "q"
+        )
         robot = {"urdf": self.urdf} if self.urdf else {}
-        if lengths and not self.urdf:
-            robot["unit"] = "m" if lengths[0] in ("m", "mm", "cm") else "rad"
+        if placed and not self.urdf:
+            robot["unit"] = " ".join(axis for _, axis in placed)
         table: dict[str, Any] = {"missing": self.missing}
         if self.rate and "t" not in columns:
             table["rate_hz"] = _float(self.rate, "the sample rate")

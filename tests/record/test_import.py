@@ -250,3 +250,54 @@ def test_sessions_below_a_folder_that_has_some_are_told(tmp_path):
     (told,) = passed_over([tmp_path])
     assert "1 session in the folders below it left out" in told
     assert passed_over([deep]) == []
+
+
+TURNS_AND_SLIDES = ["t", "rot [deg]", "z [mm]", "tau1 [mNm]", "tau2 [N]"]
+
+
+@pytest.mark.parametrize(
+    ("names", "given", "options"),
+    [
+        (TURNS_AND_SLIDES, {"q1": "rot [deg]", "q2": "z [mm]"}, []),  # the columns say it
+        (["t", "a", "b", "c", "d"], {"q1": "a", "q2": "b"}, ["--unit", "rad,m"]),
+        (["t", "a", "b", "c", "d"], {"q1": "a", "q2": "b", "unit": ["rad", "m"]}, []),
+    ],
+)
+def test_an_axis_that_turns_stands_beside_one_that_slides(tmp_path, names, given, options, capsys):
+    t = np.arange(0, 8, 0.004)
+    q = np.stack([0.6 * np.sin(2 * t), 0.03 * np.sin(3 * t + 1)], axis=1)
+    tau = np.stack([-0.02 * 4 * q[:, 0], -1.5 * 9 * q[:, 1]], axis=1)
+    scale = np.array([180 / np.pi, 1e3, 1e3, 1.0]) if "z [mm]" in names else np.ones(4)
+    table = write_csv(
+        tmp_path / "run.csv",
+        dict(zip(names, [t, *(np.hstack([q, tau]) * scale).T], strict=True)),
+    )
+    unit = given.pop("unit", None)
+    lines = ["[robot]", f"unit = {json.dumps(unit)}"] if unit else []
+    lines += ["[columns]", f't = "{names[0]}"', *(f'{k} = "{v}"' for k, v in given.items())]
+    lines += [f'tau1 = "{names[3]}"', f'tau2 = "{names[4]}"']
+    (tmp_path / "m.toml").write_text("\n".join(lines))
+    made = tmp_path / "s.mcap"
+    words = ["import", str(table), "--map", str(tmp_path / "m.toml"), "-o", str(made), *options]
+    assert main(words) == 0, capsys.readouterr().err
+    found = load(made)
+    assert found.units == ("rad", "m")
+    np.testing.assert_allclose(found.q, q, atol=1e-6)
+    capsys.readouterr()
+    model = made.with_suffix(".model.toml")
+    assert main(["fit", str(made), "--model", str(model), "--json"]) == 0
+    units = {n: v["unit"] for n, v in json.loads(capsys.readouterr().out)["parameters"].items()}
+    assert (units["rigid-body.m1"], units["rigid-body.m2"]) == ("kg m^2", "kg")
+    assert (units["j1.viscous.fv"], units["j2.viscous.fv"]) == ("N m s/rad", "N s/m")
+
+
+@pytest.mark.parametrize(
+    ("unit", "sentence"),
+    [("rad,m,m", "is of 3 joints, but there are 1"), ("inch", "unknown unit 'inch'")],
+)
+def test_a_unit_of_the_axes_that_cannot_be_is_refused(tmp_path, unit, sentence, capsys):
+    table = write_csv(
+        tmp_path / "run.csv", {"t": np.arange(9) * 0.01, "q": np.arange(9) * 0.1, "tau": np.ones(9)}
+    )
+    assert main(["import", str(table), "--unit", unit, "-o", str(tmp_path / "s.mcap")]) == 2
+    assert sentence in capsys.readouterr().err
