@@ -120,6 +120,10 @@ def _arrow(table: Any) -> Iterator[tuple[str, Array]]:
         yield name, _arrow_column(column.combine_chunks(), table.num_rows)
 
 
+#: Units of times of Arrow [s].
+_TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
 def _arrow_column(column: Any, n: int) -> Array:
     import pyarrow as pa
 
@@ -127,6 +131,9 @@ def _arrow_column(column: Any, n: int) -> Array:
     if pa.types.is_timestamp(kind):
         whole = column.cast(pa.timestamp("ns", kind.tz), safe=False).cast(pa.int64())
         return np.asarray(whole.to_numpy(zero_copy_only=False)) / 1e9
+    if pa.types.is_duration(kind) or pa.types.is_time(kind):  # a span, or of day
+        ticks = column.cast(pa.int32() if kind.bit_width == 32 else pa.int64()).cast(pa.float64())
+        return np.asarray(ticks.to_numpy(zero_copy_only=False)) * _TICKS[kind.unit]
     listed = pa.types.is_list(kind) or pa.types.is_large_list(kind)
     if (listed or pa.types.is_fixed_size_list(kind)) and n and not column.null_count:
         flat = _arrow_column(column.flatten(), len(column.flatten()))

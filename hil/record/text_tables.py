@@ -459,14 +459,16 @@ _NOTHING = frozenset(("", "-", "--", "n/a", "na", "#n/a", "null", "none", "nil")
 
 def is_clock(text: str) -> bool:
     """Whether a cell holds a time of day."""
-    return _CLOCK.fullmatch(text) is not None
+    return _CLOCK.fullmatch(_american(text)) is not None
 
 
 def _seconds(text: str, where: str, name: str) -> float | None:
-    """Seconds since 1970 of a date and time (ISO 8601, or 31.12.2024 23:59:59,5; UTC where it says
-    none), or since midnight of a time of day; None where a text is neither.
+    """Seconds since 1970 of a date and time (ISO 8601, 31.12.2024 23:59:59,5, or
+    12/31/2024 11:59:59.5 PM; UTC where it says none), or since midnight of a time of day; None
+    where a text is neither.
     """
     plain = _GERMAN.sub(r"\3-\2-\1 ", text).replace(",", ".") if _GERMAN.match(text) else text
+    plain = _american(plain)
     if _CLOCK.fullmatch(plain):
         hours, minutes, seconds = plain.replace(",", ".").split(":")
         return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
@@ -479,10 +481,36 @@ def _seconds(text: str, where: str, name: str) -> float | None:
     return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
 
 
+def _american(text: str) -> str:
+    """A date as month/day/year and twelve hours, in the form of ISO; any other text as it is.
+
+    Which of two numbers is the month matters to nobody who needs the seconds between samples; the
+    second one is where the first is above twelve.
+    """
+    found = _AMERICAN.fullmatch(text)
+    if not found:
+        return text
+    hour, half = int(found["hour"]), (found["half"] or "").upper()
+    hour = hour % 12 + (12 if half == "PM" else 0) if half else hour
+    clock = f"{hour:02d}:{found['rest']}"
+    if not found["year"]:
+        return clock
+    one, two = int(found["one"]), int(found["two"])
+    month, day = (two, one) if one > 12 else (one, two)
+    return f"{found['year']}-{month:02d}-{day:02d} {clock}"
+
+
 #: Begin of a cell that holds a date and a time of day.
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:")
 _GERMAN = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4}) +(?=[0-9]{2}:)")
+_AMERICAN = re.compile(
+    r"(?:(?P<one>[0-9]{1,2})/(?P<two>[0-9]{1,2})/(?P<year>[0-9]{4}),? +)?"
+    r"(?P<hour>[0-9]{1,2}):(?P<rest>[0-5][0-9]:[0-5][0-9](?:\.[0-9]+)?) ?(?P<half>[AaPp][Mm])?"
+)
 #: Begin of a date or time of day.
-_TIMED = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{2}\.[0-9]{2}\.[0-9]{4} |[0-2]?[0-9]:[0-5]")
+_TIMED = re.compile(
+    r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{2}\.[0-9]{2}\.[0-9]{4} |[0-9]{1,2}/[0-9]{1,2}/[0-9]{4},? |"
+    r"[0-2]?[0-9]:[0-5]"
+)
 #: A time of day; a recording over midnight runs backward, and is refused for that.
 _CLOCK = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9](?:[.,][0-9]+)?")

@@ -594,6 +594,36 @@ def test_times_of_day_and_german_dates_are_read(tmp_path, form, first):
     assert load(tmp_path / "s.mcap").rate == pytest.approx(500.0, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("form", "first"),
+    [
+        ("{}/05/2024 {}:00:{:06.3f} PM", 1714946400.0),  # as Excel and LabVIEW write it
+        ("{}/28/2024, {}:00:{:06.3f} AM", 1716890400.0),
+        ("28/{}/2024 {}:00:{:06.3f}", 1716890400.0),  # the first number can be no month
+        ("{1}:00:{2:06.3f} pm", 22 * 3600.0),
+    ],
+)
+def test_american_dates_are_read(tmp_path, form, first):
+    t = np.arange(0, 6, 0.002)
+    rows = [f"{form.format(5, 10, x)}\t{np.sin(2 * x):.5f}\t{np.cos(x):.5f}" for x in t]
+    table = as_text(tmp_path, ["Time\tq1\ttau1"], rows)
+    assert text_table(table).columns(["Time"])["Time"][0] == pytest.approx(first)
+    made = tmp_path / "m.toml"
+    assert main(["import", str(table), "--propose-map", str(made)]) == 0
+    assert main(["import", str(table), "--map", str(made), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert load(tmp_path / "s.mcap").rate == pytest.approx(500.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_spans_of_time_in_parquet_are_seconds(tmp_path, frame, unit):
+    spans = pa.array(range(len(frame)), pa.duration(unit))
+    table = pa.table({"t": spans, "q1": frame["q1"], "tau1": frame["tau1"]})
+    parquet.write_table(table, tmp_path / "run.parquet")
+    found = open_table(tmp_path / "run.parquet").columns(["t"])["t"]
+    step = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
+    np.testing.assert_allclose(found, np.arange(len(frame)) * step, rtol=1e-12)
+
+
 def test_a_share_of_a_rated_torque_is_no_torque():
     said = propose(["t", "axis1.ActPos(deg)", "axis1.ActTorque(% of rated)"])
     assert 'unit = "%"' in said.text
