@@ -90,6 +90,33 @@ def writable(path: Path) -> None:
         raise ConfigError(f"cannot write {path}: {error.strerror}; choose another place") from error
 
 
+def make_folder(path: str | Path) -> Path:
+    """A folder for outputs, made with those above it where it is not there.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
+
+    Raises
+    ------
+    ConfigError
+        If a file is in the way, or the folder cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise ConfigError(
+            f"cannot write into {folder}: a folder is needed, and a file is there; name another"
+        ) from error
+    except OSError as error:
+        raise ConfigError(
+            f"cannot make the folder {folder}: {error.strerror}; choose another place"
+        ) from error
+    return folder
+
+
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
     """Give an error of the operating system the name of the output, which a full disk omits."""

@@ -14,7 +14,6 @@ from hil.commands import common
 from hil.commands.diagnose import short
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.types import Diagnosis
-from hil.errors import ConfigError
 from hil.interrupt import saying
 from hil.models import catalogue
 from hil.models.model import base_model
@@ -76,9 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(folder: Path) -> None:
     """Make the folder; refuse what cannot be written, and what is not an earlier demo's."""
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"cannot write into {folder}: it is a file; name a folder")
-    folder.mkdir(parents=True, exist_ok=True)
+    outputs.make_folder(folder)
     outputs.check(folder / MODEL, ".toml", (), outputs.is_model, "a model file")
     outputs.check(folder / REPORT, ".html", (), outputs.is_report, "a report of hil")
     for name in SESSIONS:

@@ -149,12 +149,13 @@ def _sure(v: Value, deviations: float) -> bool:
     return not fixed and abs(v.value) > deviations * v.stderr
 
 
-def _telling(f: Finding) -> str:
+def _telling(f: Finding, contribution: str = "") -> str:
     """The value that says how large an effect is.
 
     Of a wave its amplitude and period; else a coefficient that the data determine, the largest of
-    one unit, or both of two; else the shape; one that is not determined only where there is no
-    other.
+    one unit, or both of two.  A shape (a time, a speed) stands for the size only where all
+    coefficients are shares of one; of several the one of the least relative standard error.  Where
+    the data determine none of these, what the effect takes off the error, in words.
     """
     if wave := _wave(f):
         return wave
@@ -171,11 +172,40 @@ def _telling(f: Finding) -> str:
             best = max(like, key=lambda n: abs(short[n].value))
             return common.value_line(best, short[best])
     shaped = [p.name for p in kind.shape if p.name in short and p.unit != "1"]
-    found = [n for n in shaped if _sure(short[n], 1.0)]
-    found += [n for n in own if _sure(short[n], 1.0)]
-    found += [n for n in (*shaped, *own) if short[n].identifiable and not short[n].at_bound]
-    name = next(iter([*found, *short]), "")
-    return common.value_line(name, short[name]) if name else ""
+    if not sized and (name := _surest(short, shaped)):
+        return common.value_line(name, short[name])
+    if contribution:
+        return f"{contribution} rms in all; no value is determined"
+    return _undetermined(short, [*sized, *shaped, *own])
+
+
+def _surest(values: dict[str, Value], names: list[str]) -> str:
+    """The value of the least relative standard error; one of a grid, which has none, comes last."""
+    sure = [n for n in names if _sure(values[n], 1.0)]
+    if sure:
+        return min(sure, key=lambda n: values[n].stderr / abs(values[n].value))
+    free = (n for n in names if values[n].identifiable and not values[n].at_bound)
+    return next((n for n in free if not math.isfinite(values[n].stderr)), "")
+
+
+def _undetermined(values: dict[str, Value], names: list[str]) -> str:
+    """A value that the data do not determine, which the line says; empty where there is none."""
+    name = next(iter([*names, *values]), "")
+    line = common.value_line(name, values[name]) if name else ""
+    doubtful = name and values[name].identifiable and not values[name].at_bound
+    return f"{line}, undetermined" if doubtful else line
+
+
+def _contribution(d: Diagnosis, f: Finding) -> str:
+    """Rms effort that an effect takes off the error of its joint, with unit; empty without one."""
+    joints = d.result.problem.joints
+    if f.joint not in joints or not f.relative_before > f.relative_after:
+        return ""
+    j = joints.index(f.joint)
+    # what is explained and what is left are uncorrelated: squares add up
+    share = math.sqrt(f.relative_before**2 - f.relative_after**2) / 100
+    unit = "N" if d.result.problem.robot.units[j] == "m" else "N m"
+    return f"{share * d.ladder[0].heldout.effort_rms[j]:.2g} {unit}"
 
 
 def _wave(f: Finding) -> str:
@@ -210,7 +240,7 @@ def _names_table(d: Diagnosis) -> str:
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 f"{100 * f.excess_explained:.0f}",
-                _telling(f),
+                _telling(f, _contribution(d, f)),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]

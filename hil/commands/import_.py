@@ -320,7 +320,7 @@ def _every_run(
     _refuse_folder(folder)
     found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
     _refuse_urdf(folder / "model.toml", next(iter(found.values())).recordings)
-    folder.mkdir(exist_ok=True)
+    outputs.make_folder(folder)
     for path in found:
         outputs.check(path, ".mcap", _inputs(args, table))
     for path in _bar("write", list(found)):
@@ -335,11 +335,9 @@ def _every_run(
 
 
 def _refuse_folder(folder: Path) -> None:
-    """Refuse a place where no folder is or can be made."""
+    """Refuse a place where no folder can be made, before the runs are read."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
-    if not folder.resolve().parent.is_dir():
-        raise ConfigError(f"cannot write {folder}: its parent folder does not exist; make it first")
 
 
 def _bar(what: str, items: list[_Item]) -> Iterable[_Item]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hil import registry, terminal
+from hil import outputs, registry, terminal
 from hil.commands.common import add_page, tell_page
 from hil.commands.run import add_rearm
 from hil.errors import ConfigError, HilError
@@ -180,7 +180,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
-        "-o", "--output", default=".", metavar="FOLDER", help="where sessions are written"
+        "-o",
+        "--output",
+        default=".",
+        metavar="FOLDER",
+        help="where sessions are written, made if it does not exist (default: here)",
     )
     parser.add_argument(
         "--seconds", type=float, default=3600.0, help="longest session [s] (default 3600)"
@@ -192,9 +196,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C; a session that runs is ended properly."""
-    config, folder = load_rig(args.rig), Path(args.output)
-    if not folder.is_dir():
-        raise ConfigError(f"--output {folder}: no such folder; make it first")
+    config, folder = load_rig(args.rig), outputs.make_folder(args.output)
     # a page is for people: time is real
     words = [args.rig, "--clock", "real", "--seconds", f"{args.seconds:g}"]
     words += ["--seed", str(args.seed), *(["--rearm"] if args.rearm else [])]

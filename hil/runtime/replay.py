@@ -32,6 +32,7 @@ from hil.rig.operator import Shop
 from hil.runtime import commands
 from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
 from hil.signals.frame import GAUGES, TIMING, FrameLayout
+from hil.signals.settable import SettableRange
 from hil.signals.state import OperatingState
 from hil.toml import parse
 from hil.userfile import parse_toml
@@ -419,9 +420,11 @@ def replay(path: str | Path, changes: Mapping[str, float] | None = None) -> Repl
     with tempfile.TemporaryDirectory() as folder:
         record = played(box, Path(folder))
         out = Replayed(str(path), record.ticks.size)
+        known = Shop(None, record.config).settable()
         made = ReplayRun(record, dict(changes or {}))
         _judge(record, *made.all(), out)
     _explain(box, out, changes)
+    out.notes += _beyond(changes or {}, known)
     for tick, text in made.left_out:
         out.notes.append(f"the recorded command {text!r} of tick {tick} was left out")
     return out
@@ -464,6 +467,15 @@ def _missing(r: RecordedInputs) -> str:
     why = ["the ring dropped"] if dropped else []
     why += ["the operator did not record (record off)"] if "record off" in told else []
     return " or that ".join(why) or "the record lacks"
+
+
+def _beyond(changes: Mapping[str, float], known: Mapping[str, SettableRange]) -> list[str]:
+    """Changes that no operator could make: a replay moves nothing, and therefore takes them."""
+    return [
+        f"{name} = {value:g} is out of range: {known[name]}; a session that runs refuses it"
+        for name, value in changes.items()
+        if name in known and not known[name].low <= value <= known[name].high
+    ]
 
 
 def _explain(box: Container, out: Replayed, changes: Mapping[str, float] | None) -> None:

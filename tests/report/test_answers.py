@@ -10,7 +10,7 @@ from test_report import model
 from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import _telling, short, text
+from hil.commands.diagnose import _contribution, _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
@@ -168,6 +168,55 @@ def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
     assert _telling(found) == "c1 = 0.3 +- 0.01 N m"
     del found.parameters["j1.position-torque.c1"]
     assert _telling(found) == "t0 = 0.02 N m, undetermined"
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "said"),
+    [
+        (  # a speed is no size, and neither value is determined
+            "stribeck",
+            {"fs": (0.0245, 0.037, "N m"), "vs": (0.1162, 0.15, "rad/s"), "n": (0.5, 0.7, "1")},
+            "fs = 0.0245 +- 0.037 N m, undetermined",
+        ),
+        (  # nor is one that is determined
+            "stribeck",
+            {"fs": (0.0245, 0.037, "N m"), "vs": (0.1162, 0.01, "rad/s"), "n": (0.5, 0.1, "1")},
+            "fs = 0.0245 +- 0.037 N m, undetermined",
+        ),
+        (  # nor is a share of one
+            "delay",
+            {"a": (1.0, 0.001, "1"), "T": (0.002, 0.009, "s")},
+            "T = 0.002 +- 0.009 s, undetermined",
+        ),
+        (
+            "actuator-lag",
+            {"a": (0.1, 0.2, "1"), "T": (0.002, 0.009, "s"), "n": (1.0, NAN, "1")},
+            "T = 0.002 +- 0.009 s, undetermined",
+        ),
+    ],
+)
+def test_a_size_that_is_not_determined_is_said_to_be_none(effect, values, said):
+    found = finding(effect, **values)
+    assert _telling(found) == said
+    assert _telling(found, "0.012 N m") == "0.012 N m rms in all; no value is determined"
+
+
+def test_of_several_shapes_the_surest_is_shown():
+    values = {"a": (0.9, 0.06, "1"), "b": (0.02, 0.015, "rad"), "fl": (0.4, 0.01, "N m")}
+    assert _telling(finding("backlash", **values)) == "fl = 0.4 +- 0.01 N m"
+
+
+def test_the_contribution_is_what_the_error_falls_by(late):
+    found = late.findings[0]
+    j = late.result.problem.joints.index(found.joint)
+    size, unit = _contribution(late, found).split(" ", 1)
+    left = found.relative_after / 100 * late.ladder[0].heldout.effort_rms[j]
+    whole = found.relative_before / 100 * late.ladder[0].heldout.effort_rms[j]
+    assert unit == "N m" and float(size) ** 2 + left**2 == pytest.approx(whole**2, rel=0.1)
+    assert _contribution(late, replace(found, joint=None)) == ""
+    unsure = {n: replace(v, stderr=9 * abs(v.value)) for n, v in found.parameters.items()}
+    d = replace(late, findings=[replace(found, parameters=unsure)])
+    assert f"{size} N m rms in all; no value is determined" in short(d, ladder(late), None)
 
 
 def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):

@@ -336,12 +336,20 @@ def _events(path):
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["--output", "none"], "no such folder"), (["--port", "70000"], "from 0 to 65535")],
+    [(["--output", "file"], "a folder is needed"), (["--port", "70000"], "from 0 to 65535")],
 )
 def test_what_cannot_be_served_is_said(tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
     assert main(["ui", "teleop", "--no-browser", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_the_folder_of_the_sessions_is_made(tmp_path, monkeypatch):
+    """The first command of the operator's page names one that is not there yet."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["ui", "teleop", "--no-browser", "-o", "new/sessions", "--port", "70000"]) == 2
+    assert (tmp_path / "new" / "sessions").is_dir()
 
 
 @pytest.mark.real_time
