@@ -69,8 +69,12 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
     import importlib
 
-    module = importlib.import_module(_WHERE[name])
-    return getattr(module, name)
+    found = getattr(importlib.import_module(_WHERE[name]), name)
+    if isinstance(found, type):
+        return found
+    from hil.errors import public
+
+    return public(found)
 
 
 def __dir__() -> list[str]:

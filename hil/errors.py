@@ -7,8 +7,10 @@ next.  `exit_code` is what the command line returns (0 done, 2 bad input, 3 devi
 from __future__ import annotations
 
 import difflib
+import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 
 class HilError(Exception):
@@ -125,3 +127,60 @@ def _family(names: list[str]) -> list[str]:
 def plural(n: int, what: str) -> str:
     """Number and noun, e.g. ``1 joint`` and ``3 joints``."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def listed_names(given: object, what: str) -> tuple[str, ...]:
+    """Names that an argument lists; one text stands for a list of one.
+
+    Parameters
+    ----------
+    given : object
+        A name, or several.
+    what : str
+        The argument, for the message, e.g. ``"joints"``.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
+    if isinstance(given, str):
+        return (given,)
+    listed = tuple(given) if isinstance(given, Iterable) else (given,)
+    wrong = [x for x in listed if not isinstance(x, str)]
+    if wrong:
+        raise ConfigError(
+            f"{what} is a list of names, not of {type(wrong[0]).__name__}; "
+            f"give e.g. {what}=['joint1']"
+        )
+    return listed
+
+
+@functools.cache
+def public(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of `hil` that refuses arguments that it does not have in one sentence.
+
+    Parameters
+    ----------
+    function : callable
+        The function; the same one gives the same result.
+    """
+    import inspect  # `import hil` costs nothing
+
+    signature = inspect.signature(function)
+    called = f"hil.{function.__name__}"
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            known = tuple(signature.parameters)
+            strange = next((k for k in kwargs if k not in known), None)
+            said = str(error) if strange is None else unknown("argument", strange, known)
+            raise ConfigError(f"{called}({', '.join(known)}): {said}") from None
+        return function(*args, **kwargs)
+
+    # where it is found by its name, for one that is sent to another process
+    checked.__module__, checked.__qualname__ = "hil", function.__name__
+    return checked

@@ -85,7 +85,8 @@ def lateness(recording: Recording) -> Lateness:
             None,
             None,
             "this motion does not show the delay between efforts and positions to half a sample; "
-            "record slow strokes of about a second with much effort, for a minute",
+            "to learn it, record a minute of strokes that last about a second each and take much "
+            "effort",
         )
     late = problem.alignment.late
     if problem.alignment.rate:

@@ -12,13 +12,24 @@ import re
 import tomllib
 from collections.abc import Iterable
 from dataclasses import fields
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
-from hil.models.model import ALL, BASE_EFFECTS, Band, Range, RobotModel, Use, Value, in_words
+from hil.models.model import (
+    ALL,
+    BASE_EFFECTS,
+    Band,
+    Range,
+    RobotModel,
+    Use,
+    Value,
+    as_model,
+    in_words,
+)
 from hil.record.recording import RobotSource
 from hil.userfile import parse_toml, read_text, write_text
 
@@ -36,8 +47,13 @@ def read_model(path: str | Path) -> RobotModel:
     Raises
     ------
     ConfigError
-        If the file is missing, not TOML, of another schema, or names something unknown.
+        If the file is missing, not TOML, of another schema, or names something unknown, or no
+        path was given.
     """
+    if not isinstance(path, str | PathLike):
+        raise ConfigError(
+            f"hil.read_model takes the path of a model file, not {type(path).__name__}"
+        )
     path = Path(path)
     try:
         text = read_text(path)
@@ -266,10 +282,15 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     Raises
     ------
     ConfigError
-        If the folder does not exist, or another file stands where the URDF would go; then
-        nothing is written.
+        If an argument is of another kind, the folder does not exist, or another file stands where
+        the URDF would go; then nothing is written.
     """
-    path = Path(path)
+    if isinstance(path, RobotModel) or not isinstance(path, str | PathLike):
+        raise ConfigError(
+            f"hil.write_model takes (model, path); path is {type(path).__name__}, expected the "
+            "name of a file, e.g. hil.write_model(model, 'm.toml')"
+        )
+    model, path = as_model(model, "hil.write_model"), Path(path)
     if not path.parent.is_dir():
         raise ConfigError(f"cannot write {path}: folder {path.parent} does not exist")
     urdf = _urdf_place(model, path)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError, unknown
+from hil.errors import ConfigError, listed_names, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect, Trait
 from hil.models.parts import Param
@@ -57,7 +57,7 @@ class Use:
     type : str
         Name in the catalogue.
     joints : tuple of str
-        Joint names; ``("*",)`` means all.
+        Joint names; ``("*",)`` means all.  One name may stand alone.
     options : dict
         ``per_run = true`` gives every run its own coefficients; ``fixed = true`` keeps the values.
     values : dict of str to Value
@@ -68,6 +68,15 @@ class Use:
     joints: tuple[str, ...] = ALL
     options: dict[str, object] = field(default_factory=dict)
     values: dict[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no name; one joint's name is a list of one."""
+        if not isinstance(self.type, str):
+            raise ConfigError(
+                f"hil.Use takes the name of an effect, not {type(self.type).__name__}; "
+                "give e.g. hil.Use('stribeck', ['joint1'])"
+            )
+        object.__setattr__(self, "joints", listed_names(self.joints, "joints"))
 
 
 @dataclass(frozen=True)
@@ -241,8 +250,13 @@ class RobotModel(Shown):
         Raises
         ------
         ConfigError
-            If the effect is unknown or already there for one of the joints.
+            If the effect is unknown or already there for one of the joints, or none was given.
         """
+        if not isinstance(other, str | Use):
+            raise ConfigError(
+                f"a model takes an effect, not {type(other).__name__}; give its name, "
+                "model + 'stribeck', or model + hil.Use('stribeck', ['joint1'])"
+            )
         use = Use(other) if isinstance(other, str) else other
         catalogue.get(use.type)
         for old in self.effects:
@@ -262,6 +276,11 @@ class RobotModel(Shown):
         ConfigError
             If the model has no such effect.
         """
+        if not isinstance(name, str):
+            raise ConfigError(
+                f"a model without an effect takes its name, not {type(name).__name__}; "
+                "give e.g. model - 'stribeck'"
+            )
         rest = tuple(u for u in self.effects if u.type != name)
         if len(rest) == len(self.effects):
             raise ConfigError(unknown("effect of this model", name, self.names()))

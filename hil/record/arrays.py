@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hil.errors import ConfigError, DataError, plural, unknown
+from hil.errors import ConfigError, DataError, listed_names, plural, unknown
 from hil.record.recording import GROUPS, PRESETS, WRENCH, Recording, RobotSource
 
 if TYPE_CHECKING:  # the reader of tables, only where arrays come as such
@@ -64,9 +64,10 @@ def from_arrays(
         Velocities, external efforts ON the robot, motor currents [A] and temperatures [degC].
     wrench : array_like (n, 3 or 6), optional
         Force and torque ON the robot at the tip, base frame [N, N m].
-    joints : sequence of str
+    joints : sequence of str, or one name
         Names of the joints of the columns, in their order.  The other moving joints of the URDF
         are locked; without `joints` those beyond an arm that the columns fill, as of a gripper.
+        ``metadata["note"]`` of the recording says which, and `print` shows it.
     lock : mapping of str to float, optional
         Where joints are locked [rad or m]; by default at 0, or the limit next to it.
     map : str, Path, TableMap or dict, optional
@@ -91,6 +92,7 @@ def from_arrays(
     ConfigError
         If an argument is of another kind, or the map names what is not there.
     """
+    joints = listed_names(joints, "joints")
     more = {"qd": qd, "tau_ext": tau_ext, "current": current, "temperature": temperature}
     if (q is None) != (tau is None):
         lacking = "q" if q is None else "tau"
@@ -112,7 +114,7 @@ def from_arrays(
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
     if described:
-        named = tuple(joints) or given.joints
+        named = joints or given.joints
         given = replace(given, joints=named, lock={**given.lock, **(lock or {})})
     elif lock:
         raise ConfigError("lock is of the joints of a URDF; give it with robot=...")
@@ -123,8 +125,8 @@ def from_arrays(
     if len(imported.recordings) > 1:
         arms = ", ".join(r.arm for r in imported.recordings)
         raise ConfigError(f"the map makes the arms {arms}; choose one with arm=...")
-    run = imported.recordings[0]
-    return run if described else _named(run, tuple(joints))
+    run = _noted(imported.recordings[0], imported.notes)
+    return run if described else _named(run, joints)
 
 
 _MISSING = ("refuse", "drop", "interpolate")
@@ -315,6 +317,12 @@ def _robot(given: str | Path | RobotSource) -> str | Path | RobotSource:
     if text not in PRESETS:
         raise ConfigError(unknown("robot preset", text, PRESETS) + ", or give a URDF file")
     return RobotSource(text)
+
+
+def _noted(run: Recording, notes: Sequence[str]) -> Recording:
+    """A recording that says what was guessed and left out, in the words of Python's arguments."""
+    said = "; ".join(notes).replace("(--joints and --lock)", "(joints=[...] and lock={...})")
+    return replace(run, metadata={**run.metadata, "note": said}) if said else run
 
 
 def _named(run: Recording, joints: tuple[str, ...]) -> Recording:

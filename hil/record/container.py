@@ -285,7 +285,8 @@ def read(path: str | Path, messages: bool = True) -> Container:
     if not _is_mcap(raw):
         what = "is empty" if not raw else "is not an MCAP file"
         raise DataError(
-            f"session {path} {what}; tables and ROS bags are brought in by 'hil import'"
+            f"session {path} {what}; tables and ROS bags are brought in by 'hil import' (from "
+            "Python, a data frame by hil.from_arrays)"
         )
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)

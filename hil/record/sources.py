@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.errors import ConfigError, DataError, plural
+from hil.errors import ConfigError, DataError, listed_names, plural
 from hil.record import mcap_read
 from hil.record.bags import BagChoice, is_bag, read_bag
 from hil.record.locked import arm_joints, free_joints, locked_urdf
@@ -211,7 +211,7 @@ def load(
         Arm; default the only one, else the first.
     robot : str or Path
         URDF file or text; default that of the session or bag.
-    joints : sequence of str
+    joints : sequence of str, or one name
         Joints to keep; the others of the URDF are locked.
     lock : mapping of str to float, optional
         Where joints are locked [rad or m]; default where they stood.
@@ -231,12 +231,11 @@ def load(
             "hil.from_arrays makes a recording of arrays or a frame, [hil.load(p) for p in paths] "
             "a list of several"
         )
-    if isinstance(joints, str):
-        raise ConfigError(f"joints takes a list of names, not one text: joints=[{joints!r}]")
     named = str(robot)
     text = named if named.lstrip().startswith("<") else urdf_text(named)
+    kept = listed_names(joints, "joints")
     chosen = BagChoice(
-        topic, effort_topic, force_topic, text, tuple(joints), dict(lock or {}), tip, arm or ""
+        topic, effort_topic, force_topic, text, kept, dict(lock or {}), tip, arm or ""
     )
     return load_source(path, arm, chosen)
 

@@ -102,6 +102,7 @@ def _(shown: Recording) -> Sheet:
     robot = shown.robot.preset or "a URDF"
     lines = [f"arm {shown.arm}; robot: {robot}"]
     lines += [f"also recorded: {', '.join(beside)}"] if beside else []
+    lines += [f"note: {note}"] if (note := shown.metadata.get("note")) else []
     effort = " or ".join("N" if u == "m" else "N m" for u in units)
     head = ("joint", f"lowest [{unit}]", f"highest [{unit}]", f"rms effort [{effort}]")
     return Sheet(f"Recording {shown.name!r}: {length}, {shown.n} samples", tuple(lines), head, rows)

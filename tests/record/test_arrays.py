@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import inspect
+import pickle
 import re
 
 import numpy as np
@@ -214,8 +216,8 @@ def test_a_path_is_due_where_a_session_is_loaded(given):
 
 
 def test_robot_and_joints_of_a_load(tmp_path):
-    with pytest.raises(ConfigError, match=r"joints takes a list of names.*joints=\['shoulder'\]"):
-        hil.load("a.mcap", joints="shoulder")
+    with pytest.raises(ConfigError, match=r"joints is a list of names, not of int; .*'joint1'"):
+        hil.load("a.mcap", joints=3)
     with pytest.raises(ConfigError, match=r"robot .*none\.urdf cannot be read"):
         hil.load("a.mcap", robot=tmp_path / "none.urdf")
 
@@ -264,3 +266,75 @@ def test_values_under_a_mask_are_missing(plain):
 def test_a_lazy_frame_is_collected(plain):
     frame = pl.DataFrame({"t": plain.t, "q1": plain.q[:, 0], "tau1": plain.tau[:, 0]})
     assert hil.from_arrays(frame.lazy()).n == plain.n
+
+
+def test_one_name_stands_for_a_list_of_joints(plain, tmp_path):
+    run = hil.from_arrays(plain.t, plain.q[:, 0], plain.tau[:, 0], joints="shoulder")
+    assert run.joints == ("shoulder",)
+    with pytest.raises(DataError, match="No such file"):  # the name is taken
+        hil.load(tmp_path / "a.mcap", joints="shoulder")
+    with pytest.raises(ConfigError, match="joints is a list of names, not of int"):
+        hil.from_arrays(plain.t, plain.q[:, 0], plain.tau[:, 0], joints=[3])
+
+
+def test_arrays_say_which_joints_they_lock(plain):
+    more = ARM.replace("</robot>", '<link name="hand"/><link name="palm"/></robot>').replace(
+        "</robot>",
+        '<joint name="wrist" type="continuous"><parent link="upper"/><child link="hand"/></joint>'
+        '<joint name="grip" type="continuous"><parent link="hand"/><child link="palm"/></joint>'
+        "</robot>",
+    )
+    q, tau = two(plain)
+    run = hil.from_arrays(plain.t, q, tau, robot=more)
+    assert run.joints == ("shoulder", "wrist")
+    note = run.metadata["note"]
+    assert "those of shoulder, wrist; locked: grip at 0 (joints=[...] and lock={...})" in note
+    assert f"note: {note}" in str(run)
+    chosen = hil.from_arrays(plain.t, q, tau, robot=more, joints=["shoulder", "grip"])
+    assert chosen.metadata["note"] == "locked: wrist at 0"
+    whole = hil.from_arrays(plain.t, plain.q[:, 0], plain.tau[:, 0], robot=ARM)
+    assert "note" not in whole.metadata and "note:" not in str(whole)
+
+
+def test_a_table_in_the_place_of_a_session_has_a_way_from_python(tmp_path):
+    (tmp_path / "run.csv").write_text("t,q1,tau1\n")
+    with pytest.raises(DataError, match=r"'hil import' \(from Python, .*hil\.from_arrays"):
+        hil.load(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: hil.add(1, 2, "spring", joint="a"), r"hil\.add\(recordings, .*mean 'joints'\?"),
+        (lambda: hil.add(1, 2), r"hil\.add\(.*: missing a required argument: 'effect'"),
+        (lambda: hil.load(), r"hil\.load\(path, .*'path'"),
+        (lambda: hil.fit(1, 2, 3), r"hil\.fit\(recordings, model\): too many positional"),
+        (lambda: hil.write_model("w.toml", MODEL), r"takes \(model, path\); path is RobotModel"),
+        (lambda: hil.write_model(MODEL, 3), r"takes \(model, path\); path is int"),
+        (lambda: hil.write_model(3, "w.toml"), r"hil\.write_model takes a RobotModel"),
+        (lambda: hil.read_model(3), r"hil\.read_model takes the path of a model file, not int"),
+        (lambda: MODEL + 3, r"a model takes an effect, not int; .*model \+ 'stribeck'"),
+        (lambda: MODEL - 3, r"a model without an effect takes its name, not int"),
+        (lambda: hil.Use(3), r"hil\.Use takes the name of an effect, not int"),
+        (lambda: hil.Use("stribeck", 3), "joints is a list of names, not of int"),
+    ],
+)
+def test_a_wrong_argument_gets_one_sentence(call, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=said):
+        call()
+    assert not list(tmp_path.iterdir())
+
+
+MODEL = hil.base_model(RobotSource("single-axis"))
+
+
+def test_an_effect_takes_one_joint_as_a_text():
+    assert hil.Use("stribeck", "shoulder") == hil.Use("stribeck", ("shoulder",))
+    assert hil.Use("stribeck", ["a", "b"]).joints == ("a", "b")
+
+
+def test_public_functions_are_one_object_and_travel_to_other_processes():
+    assert hil.fit is hil.fit and pickle.loads(pickle.dumps(hil.fit)) is hil.fit
+    assert "Fit all parameters" in hil.fit.__doc__
+    assert list(inspect.signature(hil.fit).parameters) == ["recordings", "model"]

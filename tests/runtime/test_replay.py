@@ -173,6 +173,11 @@ def test_the_command_tells_it_in_words_and_in_json(tmp_path, capsys):
     assert main(["replay", path, "--set", "force_scale=0.2", "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)["sessions"]
     assert told["identical"] is False and told["first"]["tick"] > 0
+    assert "out of range" not in " ".join(told["notes"])
+    assert main(["replay", path, "--set", "force_scale=99", "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["sessions"]
+    beyond = "force_scale = 99 is out of range: 0..2; a session that runs refuses it"
+    assert beyond in told["notes"]
     assert main(["replay", path, "--set", "force_scale"]) == 2
     assert main(["replay", path, "--set", "forcescale=1"]) == 2
 
