@@ -4,6 +4,8 @@
 - ``<!-- not run: REASON -->`` in the line before a block keeps it from running; `NOT_RUN` lists
   all of them.
 - Files of docs/examples that a page links to are in the folder, as the page tells the reader.
+- An indented block that begins with ``Verdict:`` is what the page's commands print, line by line;
+  ``...`` stands for anything.
 - ``pip install -e .`` writes only the entry points of ./pyproject.toml.
 """
 
@@ -40,6 +42,16 @@ NOT_RUN = {
 }
 BLOCK = re.compile(r"(?:<!-- not run: (.+?) -->\n)?^```(\w*)[^\n]*\n(.*?)^```$", re.M | re.S)
 FILE = re.compile(r"# ([\w.-]+\.(?:py|toml))\n")
+
+
+QUOTE = re.compile(r"^    Verdict: .*\n(?:(?:    .*)?\n)*", re.M)
+
+
+def quoted(page):
+    """Lines that the commands of a tutorial print, as patterns."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    lines = [x.strip() for block in QUOTE.findall(text) for x in block.splitlines() if x.strip()]
+    return [r"\s+".join(re.escape(w).replace(r"\.\.\.", ".*") for w in x.split()) for x in lines]
 
 
 class Block(NamedTuple):
@@ -119,6 +131,7 @@ def test_blocks_run(page, environment):
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     for name in set(re.findall(r"\]\(examples/([\w.]+)\)", text)):
         (folder / name).write_bytes((DOCS / "examples" / name).read_bytes())
+    printed = ""
     for number, block in enumerate(blocks(page)):
         if block.file:
             (folder / block.file).write_text(block.text, encoding="utf-8")
@@ -130,6 +143,12 @@ def test_blocks_run(page, environment):
                 text=True, stdin=subprocess.DEVNULL, timeout=300,
             )  # fmt: skip
             assert done.returncode == 0, f"{page}, block {number}:\n{block.text}\n{done.stderr}"
+            printed += done.stdout
+    assert [x for x in quoted(page) if not re.search(x, printed)] == [], printed
+
+
+def test_pages_quote_what_their_commands_print():
+    assert [page for page in PAGES if quoted(page)] == ["missing-effect", "own-effects"]
 
 
 #: What a notebook program does with the value of a cell's last line: it shows it, as HTML or more.
