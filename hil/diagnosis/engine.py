@@ -230,8 +230,9 @@ def _concluded(
         return finish(_unnamed(out, search), search.examine, model, recordings, faults)
     finish(out, search.examine, model, recordings, faults)
     corrected(out, search)
-    if again and out.corrected and search.settle(out.corrected):
+    if again and out.corrected and (search.settle(out.corrected) or search.promoted(out.corrected)):
         # once: a blunter sign may lead the fit back into the minimum that it has left
+        search.forward()
         named = _named(search)
         return _concluded(search, named, model, recordings, faults, doubtful, again=False)
     return separate(out, search, named)

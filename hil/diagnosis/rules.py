@@ -45,7 +45,7 @@ from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, levels, parts
 from hil.diagnosis.types import CheckResult, Evidence
 from hil.identify.context import SOLID
-from hil.identify.design import head
+from hil.identify.design import Term, head
 from hil.identify.regression import inflation
 from hil.models.effect import Trait, Waves
 
@@ -206,19 +206,23 @@ def _discrepancy(case: RuleCase) -> str:
     alone = r.after < HALF**2 * r.before and not floor.exceeded(left, r.joint)
     if Trait.CORRECTION in r.candidate.term.effect.traits or alone:
         return ""
-    explained = float(case.search.base.errors.power[r.joint]) - r.before
-    if r.candidate.term.effect.family == "friction" or _ripples(case):
-        explained -= case.search.of_conservative(r.joint)
-    small = r.removed <= DISCREPANCY * max(explained, 0.0)
+    small = r.removed <= inaccuracy(case.search, r)
     return "it may be an inaccuracy of the laws named before" if small else ""
 
 
-def _ripples(case: RuleCase) -> bool:
-    """Whether a candidate is a wave over the position that turns round `FEW` times at least."""
-    t = case.rated.candidate.term
+def inaccuracy(search: Search, r: Rated) -> float:
+    """Mean square error of a candidate's joint by which the laws named before may err."""
+    explained = float(search.base.errors.power[r.joint]) - r.before
+    if r.candidate.term.effect.family == "friction" or _ripples(r.candidate.term, search):
+        explained -= search.of_conservative(r.joint)
+    return DISCREPANCY * max(explained, 0.0)
+
+
+def _ripples(t: Term, search: Search) -> bool:
+    """Whether an effect is a wave over the position that turns round `FEW` times at least."""
     if not isinstance(t.effect.search, Waves):
         return False
-    low, high = case.search.problem.span[t.joint]
+    low, high = search.problem.span[t.joint]
     return bool(2 * t.shape[0] * (high - low) >= FEW)
 
 

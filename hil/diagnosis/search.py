@@ -62,6 +62,8 @@ class Search(Models):
     found: list[Candidate] = field(default_factory=list)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
+    #: Laws that do as much as all corrections of a joint, with the rungs that they give, by joint.
+    instead: dict[int, list[tuple[Rated, Visited]]] = field(default_factory=dict)
     #: Evidence beside the last model.
     last: Evidence | None = None
 
@@ -359,8 +361,9 @@ class Search(Models):
 
         They are sought beside the last model without its corrections, and fitted in their place.
         As names they were too small beside what was named before, or hidden by shapes that a fit
-        without them takes; here they are a hint, and no name is given.
+        without them takes; here they are a hint (but see `promoted`).
         """
+        self.instead = {}
         if not joints:
             return {}
         last, stops, fired = self.now, dict(self.stops), dict(self.fired)
@@ -369,15 +372,16 @@ class Search(Models):
         evidence, rated = self.evidence(joints)
         with rules.without("discrepancy"):
             good = [r for r in rated if self.pays(r, evidence)]
-        out = {j: self._doing_as_much(j, good, rest, last) for j in joints}
+        self.instead = {j: self._doing_as_much(j, good, rest, last) for j in joints}
         self.rungs.pop()
         self.stops, self.fired = stops, fired
         self.forget()
-        return out
+        names = {j: [r.candidate.name for r, _ in laws] for j, laws in self.instead.items()}
+        return {j: tuple(dict.fromkeys(some)) for j, some in names.items()}
 
     def _doing_as_much(
         self, j: int, good: list[Rated], rest: RobotModel, last: Visited
-    ) -> tuple[str, ...]:
+    ) -> list[tuple[Rated, Visited]]:
         """Of the best candidates of a joint those that reach a tenth more than `last` does."""
         most = float(last.errors.power[j])
         some = [r for r in good if r.joint == j and r.removed > HALF * (r.before - most)]
@@ -386,8 +390,32 @@ class Search(Models):
             model = rest + as_use(r.candidate, self.problem)
             rung = self.rung("in place", model, last.result.sigma)
             if rung.errors.power[j] < ADEQUATE**2 * most:
-                out.append(r.candidate.name)
-        return tuple(dict.fromkeys(out))
+                out.append((r, rung))
+        return out
+
+    def promoted(self, corrections: int) -> bool:
+        """Whether a law that does as much as all corrections of its joint takes their place.
+
+        Beside the fixed shapes of what was named before it seemed too small: it does more once
+        these have settled with it, and what it takes then is no inaccuracy of theirs.
+        """
+        before = self.rungs[-1 - corrections]
+        for j, laws in self.instead.items():
+            for r, rung in laws[:1]:
+                fell = float(before.errors.power[j] - rung.errors.power[j])
+                seen = replace(r, before=float(before.errors.power[j]))
+                if fell <= rules.inaccuracy(self, seen):
+                    continue
+                if rules.fails(rules.Refit(self, r, before, rung)) is not None:
+                    continue
+                label = f"+ {describe(r.candidate, self.problem)}"
+                rung.step, rung.added = replace(rung.step, label=label), (r.candidate,)
+                self.rungs[-corrections:] = [rung]
+                self.found.append(r.candidate)
+                renew(rung.result)
+                self.forget()
+                return True
+        return False
 
     def geometry(self) -> None:
         """Add what stands for a robot description that is missing; names are sought beside it."""

@@ -349,8 +349,8 @@ def searched(
 
 
 def _laws(effect: Effect) -> bool:
-    """Whether the forms of an effect are laws of their own, all of which its grid lists."""
-    return any(p.choice for p in effect.shape) and not effect.search.seeks_others
+    """Whether the forms of an effect are laws of their own."""
+    return any(p.choice for p in effect.shape)
 
 
 def _summits(

@@ -7,6 +7,7 @@ each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -106,6 +107,18 @@ def _cogging_grid(motion: Motion, j: int) -> Shapes:
     return position_orders(motion, j, motor=True)
 
 
+#: Periods over the range of motion below which a wave over the position is no ripple: a little more
+#: than the fewest that are sought, which stand for any slower change.  Half: any smooth change over
+#: the range is one; double: a motor of few poles goes unnamed on a short stroke.
+REPEATED = 1.6
+
+
+def _cogging_repeats(f: Fitted) -> bool:
+    """What does not come back within the range is a change over the position."""
+    low, high = f.motion.span[f.j]
+    return bool(f.shape[0] * (high - low) >= REPEATED)
+
+
 class Cogging(Effect):
     """Effort over motor position that does not depend on the command."""
 
@@ -123,10 +136,25 @@ class Cogging(Effect):
     params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
     search = Waves(_cogging_grid, carrier=_cogging_carrier)
+    limits = (
+        Limit("single", _cogging_repeats, says="its period hardly comes back within the range"),
+    )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Two harmonics over position."""
         return harmonics(motion.q[:, j], shape[0])
+
+
+class SecondCogging(Cogging):
+    """A second ripple over the position: a gear's or a screw's beside the motor's."""
+
+    name = "second-cogging"
+    doc = replace(
+        Cogging.doc,
+        signature="lines of the residual over position at orders that are none of the first ones'",
+        confused_with=("encoder-eccentricity", "position-friction", "spring"),
+    )
+    relations = Relations(extends=("cogging",))
 
 
 def _coupled_transmission_brakes(f: Fitted) -> bool:
@@ -276,6 +304,8 @@ LEAK = 0.01
 #: Largest share of another channel that is a leak.  Half: two amplifiers on a poor common ground go
 #: unnamed; double: two drives of one beam, which push against each other, leak into each other.
 MOST_LEAK = 0.5
+#: Share of the largest effort that either direction must ask for, so that they can be compared.
+ASKED = 0.2
 #: Order of the polynomial of two positions that a leak is set against.
 CUBIC = 3
 
@@ -437,6 +467,47 @@ class DeadZone(Effect):
         return np.clip(motion.tau[:, j : j + 1], -width, width)
 
 
+#: Share by which the effort of one direction differs from the other's that is a gain.  Half: the
+#: offset of a current sensor looks like one; double: an actuator that pulls a tenth weaker than it
+#: pushes goes unnamed.  Beyond `MOST_UNEVEN` one direction hardly acts.
+UNEVEN, MOST_UNEVEN = 0.02, 0.8
+
+
+def _asymmetric_gain_lacks(motion: Motion, j: int) -> str:
+    """In one direction alone the size of the effort is the effort."""
+    tau = motion.tau[:, j]
+    up, down = float(np.max(tau, initial=0.0)), float(np.max(-tau, initial=0.0))
+    return "" if min(up, down) > ASKED * max(up, down) else "the efforts are of one direction"
+
+
+def _asymmetric_gain_felt(f: Fitted) -> bool:
+    """What the directions give differs by more than an offset looks like; each gives something."""
+    return UNEVEN < abs(f.beta[0]) + f.slack[0] and abs(f.beta[0]) < MOST_UNEVEN
+
+
+class AsymmetricGain(Effect):
+    """More comes of a command in one direction: a cylinder with one rod, a pair of muscles."""
+
+    name, family = "asymmetric-gain", "actuator"
+    doc = Doc(
+        equation="tau = model + g |tau|",
+        signature="residual proportional to the size of the effort, of one sign",
+        confused_with=("asymmetric-coulomb", "torque-offset", "torque-saturation"),
+        shown_by="the same load held in both directions, several sizes",
+        source="Merritt, Hydraulic Control Systems, 1967, 6 (piston of unequal areas)",
+    )
+    params = (Param("g", "1", "half the difference of the two directions over their mean"),)
+    scope = Scope(lacks=_asymmetric_gain_lacks)
+    limits = (
+        Limit("even", _asymmetric_gain_felt, says="so little is an offset, or one direction acts"),
+    )
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """|tau|, as foretold: the measured one would explain its own noise."""
+        return np.abs(motion.driven(j))[:, None]
+
+
 def _torque_crosstalk_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
     """What hangs on both joints' positions: a hose or a bundle of cables between them."""
     a, b = motion.scaled(j), motion.scaled(int(shape[0]) - 1)
@@ -495,9 +566,11 @@ EFFECTS = (
     TorqueOffset(),
     TorqueGain(),
     Cogging(),
+    SecondCogging(),
     CoupledTransmission(),
     Differential(),
     TorqueSaturation(),
     DeadZone(),
+    AsymmetricGain(),
     TorqueCrosstalk(),
 )

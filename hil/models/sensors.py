@@ -128,8 +128,11 @@ def _torque_ripple_carrier(motion: Motion, j: int) -> FloatArray:
 
 
 def _torque_ripple_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and those of the motor's turns."""
-    return position_orders(motion, j, motor=True)
+    """Every half order over the span, from a whole one on, and those of the motor's turns.
+
+    With one period over the span a constant falls from the middle to both ends, or along the range.
+    """
+    return position_orders(motion, j, lowest=1.0, motor=True)
 
 
 class TorqueRipple(Effect):
@@ -145,7 +148,7 @@ class TorqueRipple(Effect):
     )
     params = tuple(Param(n, "1", "relative amplitude") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
-    search = Waves(_torque_ripple_grid, carrier=_torque_ripple_carrier)
+    search = Waves(_torque_ripple_grid, carrier=_torque_ripple_carrier, at_resolution=True)
     limits = (
         Limit("broken", _torque_ripple_ripples, says="the motor constant would change its sign"),
     )

@@ -32,6 +32,7 @@ SHAPES = {
     "presliding": (2e-3, 0.0, 0.02, 0.0),
     "position-friction": (2.2,),
     "cogging": (5.3,),
+    "second-cogging": (7.7,),
     "backlash": (1e-2, 0.0, 0.01, 0.0),
     "torque-ripple": (5.3,),
     "load-friction": (0.0, 0.0),

@@ -1,0 +1,104 @@
+"""Drives whose force is not what was asked for, and what rubs and springs back in a tool."""
+
+import numpy as np
+import plants
+import pytest
+
+import hil
+
+TONES = 2 * np.pi * np.array([0.13, 0.31, 0.83, 1.7])
+SIZES = np.array([0.6, 0.3, 0.12, 0.05])
+
+
+def sign(v):
+    return np.tanh(v / 2e-3)
+
+
+def axis(seed, effort, seconds=25.0, rate=400.0, noise=0.004):
+    """One axis whose drive needs an effort (n,) of its path and what that asks for."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * rate)) / rate
+    q, v, a = plants.sines(t, TONES, SIZES, rng.uniform(0, 6.28, TONES.size))
+    tau = effort(q, v, a)
+    tau = tau + noise * np.std(tau) * rng.normal(size=t.size)
+    return plants.single(f"axis{seed}", t, q + 2e-6 * rng.normal(size=t.size), tau)
+
+
+def diagnosed(effort):
+    run, hold = (axis(seed, effort) for seed in (1, 2))
+    return hil.diagnose([run], hil.base_model(run.robot), [hold])
+
+
+def names(d):
+    return {f.effect for f in d.findings}
+
+
+def carried(q, v, a):
+    """What an arm on a level axis carries."""
+    return 0.4 * a + 0.3 * v + 0.5 * sign(v)
+
+
+def test_a_cylinder_that_pulls_weaker_than_it_pushes():
+    def weak(q, v, a):
+        felt = carried(q, v, a)
+        return np.where(felt > 0, felt, felt / 0.75)
+
+    d = diagnosed(weak)
+    assert names(d) == {"asymmetric-gain"}
+    found = d.findings[0]
+    assert found.confidence > 0.95
+    # tau (1 - g sgn tau) = felt c: pulling gives 0.75 of what pushing does
+    g = found.parameters["j1.asymmetric-gain.g"].value
+    assert (1 + g) / (1 - g) == pytest.approx(0.75, rel=0.01)
+    assert d.ladder[-1].heldout.relative[0] < 0.6
+
+
+def test_an_offset_of_the_current_is_no_gain_of_one_direction():
+    d = diagnosed(lambda q, v, a: carried(q, v, a) + 0.05)
+    assert names(d) <= {"torque-offset"}
+
+
+def test_a_motor_constant_that_falls_towards_both_ends():
+    """One period over the range is enough: a voice coil leaves its magnet."""
+    d = diagnosed(lambda q, v, a: carried(q, v, a) / (1 - 0.3 * (q / 0.9) ** 2))
+    assert names(d) == {"torque-ripple"}
+    assert d.ladder[1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
+
+
+def test_a_smooth_change_over_the_position_is_no_cogging():
+    """Of its period the range holds one and a third."""
+    d = diagnosed(lambda q, v, a: carried(q, v, a) + 0.4 * np.sin(2 * np.pi * 0.8 * q + 1.0))
+    assert "cogging" not in names(d)
+    assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
+
+
+def test_a_second_ripple_of_another_period_has_a_name():
+    def stepper(q, v, a):
+        return carried(q, v, a) + 0.3 * np.sin(50 * q) + 0.12 * np.sin(17 * q + 1)
+
+    d = diagnosed(stepper)
+    assert names(d) == {"cogging", "second-cogging"}
+    orders = [f.parameters[f"j1.{f.effect}.p"].value for f in d.findings]
+    assert sorted(orders) == pytest.approx([17 / 2 / np.pi, 50 / 2 / np.pi], rel=1e-3)
+
+
+def dahl(q, length):
+    """State of a bristle that has no break-away: dz = dq (1 - z sgn dq) / length."""
+    z = np.zeros(q.size)
+    for k, step in enumerate(np.diff(q)):
+        goal = 1.0 if step > 0 else -1.0
+        z[k + 1] = goal + (z[k] - goal) * np.exp(-abs(step) / length)
+    return z
+
+
+def test_hysteresis_that_has_no_break_away_is_found_in_its_own_form():
+    d = diagnosed(lambda q, v, a: 0.3 * a + 0.2 * v + 1.5 * dahl(q, 0.006))
+    assert names(d) == {"presliding"}
+    assert d.ladder[-1].heldout.relative[0] < 0.2
+
+
+def test_a_spring_beside_a_soft_hysteresis_has_its_name():
+    """Beside the shape that hysteresis has without it a spring seems too small to be named."""
+    d = diagnosed(lambda q, v, a: carried(q, v, a) + 1.2 * dahl(q, 0.25) + q)
+    assert names(d) == {"presliding", "spring"}
+    spring = next(f for f in d.findings if f.effect == "spring")
+    assert spring.parameters["j1.spring.k"].value == pytest.approx(1.0, rel=0.05)
