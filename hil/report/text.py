@@ -158,8 +158,8 @@ def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
         first, *rest = c.alike
         more = f", so would {listed(rest)}" if rest else ""
         out.append(
-            f"On {c.joint} {first} would do as much instead{more}: too small a part of the effort "
-            "to be named. To try it beside the given model: "
+            f"On {c.joint} {first} would do as much instead{more}: too small beside what is named "
+            "to have a name of its own. To try it beside the given model: "
             f"hil add {first} S.mcap --joint {c.joint} --model GIVEN.toml."
         )
     return out

@@ -458,6 +458,16 @@ def differential(p: Place) -> Drive:
     return drive
 
 
+def uneven(p: Place) -> Drive:
+    """A drive that pulls weaker than it pushes; around zero it goes over from one to the other."""
+    j, g, u0 = p.j, min(0.1 * p.amplitude, 0.7), 5e-3 * p.link.effort
+
+    def drive(u: list[float], x: State) -> None:
+        u[j] *= 1.0 - g * (0.5 - atan(u[j] / u0) / pi)
+
+    return drive
+
+
 def dead_zone(p: Place) -> Drive:
     """Nothing comes through below a threshold."""
     j, width = p.j, 1.5 * p.size
@@ -487,6 +497,7 @@ DRIVES: dict[str, Callable[[Place], Drive]] = {
     "torque-ripple": ripple,
     "torque-saturation": saturation,
     "dead-zone": dead_zone,
+    "asymmetric-gain": uneven,
     "differential": differential,
     "torque-crosstalk": crosstalk,
     "actuator-lag": lag,

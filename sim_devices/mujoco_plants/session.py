@@ -45,6 +45,7 @@ RANGES = {
     "torque-saturation": (0.05, 8.0),
     "torque-gain": (0.0, 8.0),
     "torque-ripple": (0.0, 8.0),
+    "asymmetric-gain": (0.0, 8.0),
     "actuator-lag": (0.1, 6.0),
     "delay": (0.1, 5.0),
     "elastic-transmission": (0.15, 8.0),
@@ -57,7 +58,7 @@ RANGES = {
 }
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
-LATER = ("sublinear-viscous", "local-friction", "two-stops", "differential")
+LATER = ("sublinear-viscous", "local-friction", "two-stops", "differential", "asymmetric-gain")
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone"}
 
