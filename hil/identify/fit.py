@@ -54,10 +54,25 @@ from hil.identify.context import (
 from hil.identify.design import Term, bind, by_run, coefficients, prefix
 from hil.identify.predict import identified, predict
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, basis, cluster_covariance, extended, time_blocks
-from hil.identify.result import DESCRIBED, FitResult
+from hil.identify.regression import (
+    Basis,
+    basis,
+    cluster_covariance,
+    extended,
+    left_open,
+    time_blocks,
+)
+from hil.identify.result import FitResult
 from hil.identify.shape_search import search_shapes
-from hil.identify.solve import limits, noise_to_signal, prior, solve, solved
+from hil.identify.solve import (
+    DESCRIBED,
+    fit_of,
+    limits,
+    noise_to_signal,
+    prior,
+    solve,
+    solved,
+)
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Use, Value
 from hil.models.motion import Motion
@@ -177,7 +192,7 @@ def assemble(
     seen = np.linalg.norm(b.v, axis=1) > 1e-9
     values: dict[str, Value] = {}
     uses: dict[int, dict[str, Value]] = {}
-    source = "fit of " + ", ".join(r.name for r in problem.recordings)
+    source = fit_of(problem)
     given = pull.said(b) if pull else np.zeros(theta.size, dtype=bool)
     for t, where, shapes in zip(terms, slices, found.shapes, strict=True):
         part = _linear(
@@ -194,7 +209,7 @@ def assemble(
         Use(u.type, u.joints, u.options, uses.get(k, {})) for k, u in enumerate(model.effects)
     )
     names = [n for t in terms for n, _ in coefficients(t, problem)]
-    start = prior(problem, terms, model, names)
+    start = left_open(theta, prior(problem, terms, model, names), b)
     return FitResult(
         replace(model, effects=effects, valid=identified(problem), fitted=problem.taken),
         problem,

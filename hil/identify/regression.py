@@ -327,3 +327,97 @@ def time_blocks(problem: Problem, seconds: float = 1.0) -> NDArray[np.int_]:
         out[where] = offset + own
         offset += int(own.max()) + 1
     return out
+
+
+#: Length of a direction, in columns of length one, below which it is rounding.
+NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """Which of the solutions that fit equally well is taken.
+
+    Parameters
+    ----------
+    metric : ndarray (m, p)
+        Rows R that measure a distance; zero for coefficients of which nothing is known.
+    centre : ndarray (p,)
+        What is known beforehand.
+    moves : ndarray (p,)
+        Coefficients that may be others.
+    low, high : ndarray (p,)
+        Bounds of the coefficients.
+    """
+
+    metric: FloatArray
+    centre: FloatArray
+    moves: NDArray[np.bool_]
+    low: FloatArray
+    high: FloatArray
+
+    def __call__(self, theta: FloatArray, b: Basis) -> FloatArray:
+        """Coefficients (p,) with the efforts of `theta`, within their bounds, nearest to these.
+
+            argmin |R (pi - pi_0)|^2,    pi = theta + D^-1 N z,
+
+        N (p, k) the directions that a basis leaves open, D its scales.  What nothing is known of
+        takes what the others would have to leave the centre for.  A coefficient that comes to its
+        bound stays there, and the others go on.
+
+        Source: Nocedal, Wright, Numerical Optimization, 2006, 16.5 (bounds one after the other).
+        """
+        ways = _open(b, self.moves) if len(self.metric) else np.zeros((theta.size, 0))
+        for _ in range(theta.size):
+            if not ways.size:
+                break
+            # z = -(R D^-1 N)^+ R (theta - pi_0)
+            z = least_squares(self.metric @ ways, self.metric @ (self.centre - theta))
+            step = ways @ z
+            part, first = _room(theta, step, self.low, self.high)
+            theta = np.clip(theta + part * step, self.low, self.high)
+            if part >= 1.0:
+                break
+            theta[first] = (self.high if step[first] > 0.0 else self.low)[first]
+            ways = ways @ _beside(ways[first][:, None] / np.linalg.norm(ways[first]))
+            ways[first] = 0.0
+        return theta
+
+
+def _open(b: Basis, moves: NDArray[np.bool_]) -> FloatArray:
+    """D^-1 N (p, k): changes of coefficients that the data leave open.
+
+    A column that no row sees, or that is held, stays.
+    """
+    seen = np.flatnonzero(np.linalg.norm(b.v, axis=1) > NOTHING)
+    out = np.zeros((b.scale.size, max(seen.size - b.rank, 0)))
+    if not out.size:
+        return out
+    ways = _beside(b.v[seen])
+    if not np.all(moves[seen]):
+        ways = ways @ scipy.linalg.null_space(ways[~moves[seen]], rcond=NOTHING)
+        out = out[:, : ways.shape[1]]
+    ways[np.linalg.norm(ways, axis=1) < NOTHING] = 0.0
+    out[seen] = ways / b.scale[seen, None]
+    return out
+
+
+def _beside(v: FloatArray) -> FloatArray:
+    """Orthonormal columns (k, k - r) orthogonal to some orthonormal ones (k, r)."""
+    return np.asarray(np.linalg.qr(v, mode="complete")[0][:, v.shape[1] :])
+
+
+def _room(
+    theta: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[float, int]:
+    """Largest part of a step within bounds, at most 1, and which coefficient comes to its own."""
+    ahead = np.where(step > 0.0, high - theta, theta - low)
+    ratio = np.full(theta.size, np.inf)
+    np.divide(np.maximum(ahead, 0.0), np.abs(step), out=ratio, where=step != 0.0)
+    first = int(np.argmin(ratio))
+    return min(1.0, float(ratio[first])), first
+
+
+def left_open(theta: FloatArray, start: FloatArray, b: Basis) -> FloatArray:
+    """Where the directions that a basis leaves open stay, given their end `theta`: (p,)."""
+    moved = (theta - start) * b.scale
+    return np.asarray(start + (moved - b.v @ (b.v.T @ moved)) / b.scale)

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.regression import Basis
-from hil.identify.solve import Pull
+from hil.identify.solve import DESCRIBED, Pull
 from hil.models.model import RobotModel, Value, in_words
 from hil.shown import Shown
 
 FloatArray = NDArray[np.float64]
-#: Source of a value that is the robot description's more than the data's.
-DESCRIBED = "robot description"
 
 
 @dataclass(frozen=True, repr=False)

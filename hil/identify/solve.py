@@ -31,6 +31,11 @@ largest: a description that the data contradict is hardly used, and what the dat
 moves.  Noise that is coloured counts as the independent instants that it is worth.  It serves only
 where contiguous parts that were left out are foretold clearly better with it.
 
+What no effort of the runs depends on is the description's in any case: of all bodies with the same
+efforts those are taken that are nearest to it in this metric.  In the metric of efforts, that of
+least squares of least norm, a link of 60 kg near an axis would be as near as a small inertia about
+it; and an effort that these runs do not show, of gravity from another side, would be made of it.
+
 Source: Lee, Wensing, Park, IEEE Trans. Robotics 36(1), 2020 (the metric); MacKay, Neural
 Computation 4, 1992 (the evidence).
 """
@@ -49,7 +54,15 @@ from numpy.typing import NDArray
 from hil.errors import DataError, FitError
 from hil.identify.design import Term, block, coefficients, known_values, stack
 from hil.identify.problem import Problem
-from hil.identify.regression import Basis, basis, decomposed, inflation, least_squares, of_factors
+from hil.identify.regression import (
+    Basis,
+    Nearness,
+    basis,
+    decomposed,
+    inflation,
+    least_squares,
+    of_factors,
+)
 from hil.models.bodies import pseudo_inertia
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
@@ -70,6 +83,8 @@ PARTS = 8
 WORTH = 0.03
 #: Share of a posterior variance from which a value is said to come of the description.
 MOSTLY = 0.5
+#: What the source of a fitted value that is the description's says.
+DESCRIBED = "robot description"
 
 
 @dataclass(frozen=True)
@@ -288,6 +303,45 @@ def drawn_to(
     return both.solve(right, start, np.zeros(right.size)), both
 
 
+def fit_of(problem: Problem) -> str:
+    """Source of the values that a fit of these runs has found."""
+    return "fit of " + ", ".join(r.name for r in problem.recordings)
+
+
+def nearness(
+    problem: Problem,
+    terms: Sequence[Term],
+    places: Sequence[slice],
+    model: RobotModel,
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+) -> Nearness:
+    """Which bodies are known beforehand: those of the model, else of the description.
+
+    Values that a fit of the same runs has found hold nothing else: there the description stands.
+
+    Parameters
+    ----------
+    problem, terms, places : Problem, sequence of Term, sequence of slice
+        Whose coefficients.
+    model : RobotModel
+        Holds values and where they come from.
+    start : ndarray (p,)
+        Values of the model, else of the description.
+    bounds : tuple of ndarray (p,)
+        Of the coefficients.
+    """
+    metric, values, found = described(problem, terms, places), model.values(), fit_of(problem)
+    centre, moves = start.copy(), np.ones(start.size, dtype=bool)
+    for t, where in zip(terms, places, strict=True):
+        if Trait.BODY in t.effect.traits:
+            known = [values[n].source for n, _ in coefficients(t, problem) if n in values]
+            if all(source in (found, DESCRIBED) for source in known):
+                centre[where] = problem.robot.prior
+            moves[where] = np.any(metric[:, where] != 0.0, axis=0)
+    return Nearness(metric, centre, moves, *bounds)
+
+
 @dataclass(frozen=True)
 class Drawn:
     """What draws coefficients besides the rows of a problem.
@@ -331,22 +385,23 @@ def solved(
     target = (y - held) * w
     b = factored(problem, terms, sigma, noise_to_signal(target), free)
     known = (x @ (start * free)) * w
+    low, high = limits(terms, problem)
+    nearest = nearness(problem, terms, slices, model, start, (low, high))
     theta = b.solve(target, start * free, known) + np.where(free, 0.0, start)
-    theta = bounded(theta, b, *limits(terms, problem))
+    theta = nearest(bounded(theta, b, low, high), b)
     residual = (y - x @ theta).reshape(problem.d, problem.n)
     pull = _pull(problem, terms, slices, b, residual, (target, x, w)) if drawing else None
     if pull is not None:
-        low, high = limits(terms, problem)
-        free = free * ~((theta <= low) | (theta >= high))
-        pull = pull if serves(problem, pull, x * (w[:, None] * free), target) else None
-        free = _free(terms, problem)
+        moves = free * ~((theta <= low) | (theta >= high))
+        pull = pull if serves(problem, pull, x * (w[:, None] * moves), target) else None
     held_back = _held_back(problem, terms, slices, b, (target, x, w)) if drawing else None
     draws = [p for p in (pull, held_back) if p is not None]
     if draws:
         rows, centre = np.concatenate([p.rows for p in draws]), sum(p.centre for p in draws)
         both = Pull(rows, np.asarray(centre), draws[0].error)
         theta, together = drawn_to(both, b, target, start * free, known)
-        theta = bounded(theta + np.where(free, 0.0, start), together, *limits(terms, problem))
+        theta = bounded(theta + np.where(free, 0.0, start), together, low, high)
+        theta = nearest(theta, together)
         residual = (y - x @ theta).reshape(problem.d, problem.n)
     if held_back is None:
         return theta, x, b, slices, residual, Drawn(pull, np.zeros((0, theta.size)), np.zeros(0), b)

@@ -68,6 +68,18 @@ def test_a_base_on_a_slope_is_named_with_its_angle():
     assert all(found.explained.heldout.rms < 1.2 * found.noise)
 
 
+def test_a_cart_that_leans_explains_all_where_masses_are_known_in_combination_alone():
+    """Gravity from another side acts on what the level arm does not show, near the first axis."""
+    runs = [plants.cart_arm(seed) for seed in (1, 2)]
+    found = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+    assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]
+    assert not found.corrections
+    for name, true in (("rx", 0.06), ("ry", -0.035)):
+        value = found.findings[0].parameters[f"base-tilt.{name}"]
+        assert abs(value.value - true) < 4 * value.stderr + 0.001
+    assert all(found.explained.heldout.rms < 1.1 * found.noise)
+
+
 def test_an_arm_that_stands_upright_lacks_neither():
     found = _answer()
     assert found.verdict == "adequate" and not found.findings

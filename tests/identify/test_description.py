@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import plants
 import pytest
+from scipy.optimize import LinearConstraint, minimize
 
 from hil.identify.fit import fit
 from hil.identify.predict import predict
 from hil.identify.problem import Problem
+from hil.identify.regression import Nearness, basis
 from hil.identify.solve import Pull, serves
 from hil.models.model import base_model
 from hil.record.recording import RobotSource
@@ -132,3 +134,90 @@ def test_a_description_serves_where_the_data_alone_foretell_one_joint_worse_than
     held = more @ known + np.append(0.1 * rng.standard_normal(n), 10 * rng.standard_normal(n))
     wrong = Pull(np.diag([1.0, 1.0, 300.0]), np.array([1.0, -1.0, 0.9]), 0.1)
     assert not serves(SimpleNamespace(memo={}, n=n, d=2), wrong, more, held)
+
+
+@pytest.fixture(scope="module")
+def geared():
+    """An arm with rotors: near its first axis masses and rotors are one."""
+    run = plants.cart_arm(1, tilt=(0.0, 0.0))
+    return fit(Problem([run], run.robot), base_model(run.robot))
+
+
+def bodies(result):
+    """Values of the bodies (links, 10), and of the description."""
+    where = result.slices[0]
+    return result.theta[where].reshape(-1, 10), result.problem.robot.prior.reshape(-1, 10)
+
+
+def test_masses_that_no_effort_shows_alone_are_near_the_description(geared):
+    """A link of 1.8 kg whose axis lies 30 mm beside the first one had 40 kg and more."""
+    got, said = bodies(geared)
+    assert geared.pull is None
+    open_masses = [not geared.values[f"rigid-body.joint{k}.m"].identifiable for k in (1, 2, 3, 4)]
+    assert all(open_masses)
+    assert np.all(got[:, 0] > 0.5 * said[:, 0]) and np.all(got[:, 0] < 2.0 * said[:, 0])
+    # the rotor, of which nothing is known, takes what the links need not
+    assert geared.values["j1.armature.ia"].value == pytest.approx(0.2, rel=0.1)
+
+
+def test_a_fit_again_from_its_own_values_is_the_same(geared):
+    """What the first fit left open says nothing; values of other data stand."""
+    again = fit(geared.problem, geared.model)
+    np.testing.assert_allclose(bodies(again)[0], bodies(geared)[0], rtol=1e-6, atol=1e-8)
+    use = geared.model.effects[0]
+    other = {
+        n: replace(v, source="maker", value=v.value * (1.2 if n.endswith(".m") else 1.0))
+        for n, v in use.values.items()
+    }
+    effects = (replace(use, values=other), *geared.model.effects[1:])
+    told = fit(geared.problem, replace(geared.model, effects=effects))
+    assert bodies(told)[0][0, 0] == pytest.approx(1.2 * bodies(geared)[1][0, 0])
+    np.testing.assert_allclose(told.rms, geared.rms, rtol=1e-4)
+
+
+def nearest_by_search(theta, null, near):
+    """The same by a general optimiser."""
+    tied = np.isfinite(near.low)
+    found = minimize(
+        lambda z: np.sum((near.metric @ (theta + null @ z - near.centre)) ** 2),
+        np.zeros(null.shape[1]),
+        constraints=[LinearConstraint(null[tied], (near.low - theta)[tied], np.inf)]
+        if tied.any()
+        else [],
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    return theta + null @ found.x
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("bounded", [False, True])
+def test_the_nearest_of_all_that_fit_equally_well(seed, bounded):
+    """Six of nine columns are independent; the last two have no description."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(60, 6)) @ rng.normal(size=(6, 9)) * 10.0 ** rng.uniform(-2, 2, 9)
+    b = basis(x)
+    theta, metric = rng.normal(size=9), np.hstack([rng.normal(size=(7, 7)), np.zeros((7, 2))])
+    low = np.full(9, -np.inf)
+    if bounded:
+        low[8] = theta[8] - 0.01
+    near = Nearness(metric, rng.normal(size=9), np.ones(9, bool), low, np.full(9, np.inf))
+    got = near(theta, b)
+    size = np.linalg.norm(x @ theta)
+    assert np.linalg.norm(x @ (got - theta)) < 1e-9 * size and np.all(got >= low)
+    null = np.linalg.svd(x / b.scale)[2][6:].T / b.scale[:, None]
+    best = nearest_by_search(theta, null, near)
+    distance = [np.linalg.norm(metric @ (v - near.centre)) for v in (theta, got, best)]
+    assert distance[1] <= distance[0]
+    assert distance[1] == pytest.approx(distance[2], rel=1e-3)
+
+
+def test_what_no_row_sees_or_has_no_description_stays():
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(40, 2)) @ rng.normal(size=(2, 5))
+    x[:, 4] = 0.0
+    moves, far = np.array([True, True, True, False, True]), np.full(5, np.inf)
+    theta = rng.normal(size=5)
+    got = Nearness(np.eye(5), np.zeros(5), moves, -far, far)(theta, basis(x))
+    assert got[3] == theta[3] and got[4] == theta[4] and not np.allclose(got[:3], theta[:3])
+    np.testing.assert_allclose(x @ got, x @ theta, atol=1e-9)
