@@ -77,6 +77,8 @@ FloatArray = NDArray[np.float64]
 SPEED = "{x}/s"
 #: Size in units of the noise that an effect gets which the base model absorbs.
 PROBE = 10.0
+#: Share of its largest column as which a column counts at least there.
+UNSHOWN = 1e-6
 #: Motions that decide whether what the whole robot does to the base can be seen at all.
 RICH = ("multisine", "postures", "fast-strokes")
 #: Rivals on one joint that are looked at together.
@@ -195,7 +197,10 @@ def _rival(c: Candidate, projector: Projector, noise: FloatArray) -> Rival:
     size = np.linalg.norm(columns, axis=0)
     if c.absorbed > ABSORBED:
         rms = size / np.sqrt(len(columns)) * projector.sigma[term.joint]
-        return Rival(term, PROBE * noise[term.joint] / np.maximum(rms, 1e-300))
+        # what the recording does not show at all may be large, and not infinite
+        seen = np.maximum(rms, UNSHOWN * float(rms.max(initial=0.0)))
+        probe = np.full_like(rms, PROBE * noise[term.joint])
+        return Rival(term, np.divide(probe, seen, out=np.zeros_like(rms), where=seen > 0))
     unit = columns / np.maximum(size, 1e-300)
     rows = projector.rows(term)
     inner = projector.inner(rows, unit)
@@ -357,16 +362,24 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
         why = f"{s.why}; no motion was planned: each would take too long" if unplanned else s.why
         return Indistinguishable(s.effects, why, shown or s.effects[0], reason)
     if choice.structural:
-        why = (
-            f"{s.why}; structural: even all motions of the menu together leave "
-            f"{100 * (1 - choice.everything.share):.1f} % of it to the other"
-        )
+        why = f"{s.why}; {_structural(s, choice)}"
         if len(s.among) > 1:
             return Indistinguishable(s.effects, why, NO_MOTION)
         return Indistinguishable(s.effects, why, f"{NO_MOTION}; {shown}")
     if s.aside and choice.now is not None and choice.now.decided:
         return None
     return _by_motion(s, choice, planner)
+
+
+def _structural(s: _Set, choice: Choice) -> str:
+    """Why no motion tells a set apart."""
+    left = 100 * (1 - choice.everything.share)
+    why = f"even all motions of the menu together leave {left:.1f} % of it to the other"
+    if f"{left:.1f}" == "100.0":
+        who = "the model's own parameters do" if len(s.among) == 1 else "the other does"
+        why = f"whatever this robot does, {who} all of it as well"
+    unfelt = f"; its joints never feel {' or '.join(choice.unfelt)}" if choice.unfelt else ""
+    return f"structural: {why}{unfelt}"
 
 
 def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:

@@ -33,6 +33,7 @@ from hil.excite.question import (
     nominal,
     playable,
     sharp,
+    unfelt,
 )
 from hil.excite.trajectory import Margin, Trajectory
 from hil.identify.design import Term
@@ -384,6 +385,8 @@ class Choice:
         Rivals that no motion of the menu, nor all together, could ever separate from the first.
     structural : bool
         Whether that is all of them.
+    unfelt : tuple of str
+        Coefficients of the first that act on no joint, whatever the motion.
     """
 
     options: list[Option]
@@ -391,6 +394,7 @@ class Choice:
     everything: Verdict
     never: tuple[str, ...]
     structural: bool
+    unfelt: tuple[str, ...] = ()
 
     @property
     def best(self) -> Option:
@@ -494,7 +498,8 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
 
     start = np.zeros_like(seen.grams[0]) if seen.known is None else seen.known
     single = [say(start + g) for g in seen.grams]
-    union = say(start + np.sum(seen.grams, axis=0))
+    every = start + np.sum(seen.grams, axis=0)
+    union = say(every)
     never = tuple(n for n in union if not any(v[n].possible for v in (union, *single)))
     open_ = [n for n in union if n not in never] or list(union)
 
@@ -510,7 +515,8 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
     ranked.sort(key=lambda r: (-round(r[0], 1), -r[1]))
     options = [option for _, _, option in ranked]
     now = None if seen.known is None else least(say(seen.known))
-    return Choice(options, now, least(union), never, len(never) == len(union))
+    nothing = unfelt(every, question, names)
+    return Choice(options, now, least(union), never, len(never) == len(union), nothing)
 
 
 #: Noise of the effort where none was measured, as a share of the torque limit.

@@ -330,15 +330,39 @@ def _left(
 ) -> tuple[float, FloatArray]:
     """|s - P s|^2 of the signal s = C theta, and the Schur complement of its columns."""
     size = np.sqrt(np.maximum(np.diag(g), 1e-300))
+    size[own[_nothing(size[own])]] = np.inf
     unit = g / np.outer(size, size)
     inner = unit[np.ix_(base, base)]
     value, vector = scipy.linalg.eigh(inner)
-    keep = value > 1e-10 * max(float(value[-1]), 1e-300)
+    keep = value > NULL * max(float(value[-1]), 1e-300)
     half = vector[:, keep] / np.sqrt(value[keep])
     cross = half.T @ unit[np.ix_(base, own)]
     schur = unit[np.ix_(own, own)] - cross.T @ cross
-    scaled = theta * size[own]
-    return max(float(scaled @ schur @ scaled), 0.0), schur
+    scaled = theta * np.where(np.isfinite(size[own]), size[own], 0.0)
+    left, whole = float(scaled @ schur @ scaled), float(np.sum(scaled**2))
+    return left if left > NULL * whole else 0.0, schur
+
+
+#: Share of a power below which it is rounding of the projection.
+NULL = 1e-10
+#: Share of the largest column of an effect below which one is rounding.
+ROUNDING = 1e-12
+
+
+def _nothing(size: FloatArray) -> NDArray[np.bool_]:
+    """Which columns of an effect, of these norms, are none but for rounding."""
+    out: NDArray[np.bool_] = size <= max(ROUNDING * float(size.max(initial=0.0)), 1e-150)
+    return out
+
+
+def unfelt(g: FloatArray, question: Question, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Coefficients of the first of some rivals, () of all, whose columns are nothing."""
+    rivals = [r.name for r in question.rivals]
+    k = rivals.index(names[0]) if names else 0
+    own = _slots(question)[0][k][0]
+    gone = _nothing(np.sqrt(np.maximum(np.diag(g)[own], 0.0)))
+    params = question.rivals[k].term.effect.params
+    return tuple(p.name for p, x in zip(params, gone, strict=False) if x)
 
 
 def imitations(
