@@ -87,6 +87,9 @@ def balance(t: FloatArray, q: FloatArray, tau: FloatArray, ext: FloatArray | Non
 #: Share of the range by which a position, and of the limit by which a speed or an effort, must be
 #: beyond it; and samples that must be: a limit is a round number, a single sample is noise.
 ROOM, BEYOND, FEW = 0.02, 0.05, 3
+#: A speed so many times beyond its limit is in another unit: the least factor between two units of
+#: a position or a time is that of a turn to a radian.  A share of the samples that is most of them.
+OTHER_UNIT, MOST = 2 * math.pi, 0.5
 #: An effort so many times beyond its limit, but not a thousand times, is in milli-units.
 MILLI = 20.0
 #: Width [s] over which a speed is averaged, so that encoder counts are not taken for speed.
@@ -124,17 +127,7 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFau
     q = r.q[:, k]
     # no mean over steps is faster than the fastest of them
     if float(np.abs(np.diff(q)).max()) > joint.velocity * float(np.diff(r.t).min()):
-        width = max(round(_WIDTH_S / r.period), 1)
-        whole = ~maximum_filter1d(np.diff(r.t, append=r.t[-1]) > _GAP * r.period, 2 * width + 3)
-        yield from _beyond(
-            "velocity-limit",
-            f"the speed of q{k + 1}",
-            physics.rate_of(r.t, q, width)[whole],
-            joint.velocity,
-            f"{joint.unit}/s",
-            r.joints[k],
-            "check the unit of this position and of the time",
-        )
+        yield from _speed(r, k, joint)
     most = float(np.abs(r.tau[:, k]).max())
     milli = MILLI * joint.effort < most <= 1000 * joint.effort
     yield from _beyond(
@@ -148,6 +141,27 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFau
         if milli
         else f"check that it is the effort at the joint in {effort} (after the gear, no current), "
         "and that the URDF is of this robot",
+    )
+
+
+def _speed(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFault]:
+    """Speed beyond its limit, which is a nominal one: a unit is in doubt only far beyond it."""
+    width = max(round(_WIDTH_S / r.period), 1)
+    whole = ~maximum_filter1d(np.diff(r.t, append=r.t[-1]) > _GAP * r.period, 2 * width + 3)
+    speed = physics.rate_of(r.t, r.q[:, k], width)[whole]
+    size = np.abs(speed) / joint.velocity
+    most = np.count_nonzero(size > 1 + BEYOND) > MOST * size.size
+    doubted = most or np.count_nonzero(size > OTHER_UNIT) >= FEW
+    yield from _beyond(
+        "velocity-limit" if doubted else NOMINAL_SPEED,
+        f"the speed of q{k + 1}",
+        speed,
+        joint.velocity,
+        f"{joint.unit}/s",
+        r.joints[k],
+        "check the unit of this position and of the time"
+        if doubted
+        else "such a limit is a nominal one, and the unit is not in doubt for it",
     )
 
 
@@ -376,6 +390,8 @@ FloatArray = NDArray[np.float64]
 OF_UNITS = frozenset(
     ("unit", "limits", "velocity-limit", "effort-limit", "velocity-scale", "velocity-sign", "sign")
 )
+#: Code of a speed somewhat beyond a limit.
+NOMINAL_SPEED = "nominal-speed"
 #: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
 #: nominal 20 Hz).
 SLOW_HZ, HOPELESS_HZ = 100.0, 19.5

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from record_tables import URDF, columns
 
 from hil.record import consistency
-from hil.record.checks import check, joint_units, speed_and_effort
+from hil.record.checks import OF_UNITS, check, joint_units, speed_and_effort
 from hil.record.consistency import smooth
 from hil.record.recording import Recording, RobotSource
 from hil.record.urdf_joints import UrdfJoint
@@ -317,7 +317,27 @@ def test_a_speed_just_beyond_its_limit_is_seen(joint):
     for share, beyond in ((0.9, True), (0.97, False), (1.1, False)):
         listed = UrdfJoint("j", "rad", velocity=share * fastest)
         found = [f.code for f in speed_and_effort(r, joint, listed)]
-        assert ("velocity-limit" in found) == beyond
+        assert ("nominal-speed" in found) == beyond and "velocity-limit" not in found
+
+
+@pytest.mark.parametrize(
+    ("speed", "share", "code"),
+    [
+        (1.3, 0.01, "nominal-speed"),
+        (3.0, 0.2, "nominal-speed"),
+        (3.0, 0.8, "velocity-limit"),
+        (57.3, 0.01, "velocity-limit"),
+    ],
+)
+def test_a_unit_is_in_doubt_only_far_beyond_a_limit_of_speed(speed, share, code):
+    """A joint that swings at half of its limit of 1 rad/s, and faster for a share of the time."""
+    t = np.arange(4000) * 2e-3
+    v = np.where(np.arange(4000) < 4000 * share, speed, 0.5) * np.sign(np.sin(9 * t))
+    q = np.cumsum(v)[:, None] * 2e-3
+    r = Recording("r", "arm", ("j",), t, q, np.sin(9 * t)[:, None])
+    found = list(speed_and_effort(r, 0, UrdfJoint("j", "rad", velocity=1.0)))
+    assert [f.code for f in found] == [code]
+    assert ("check the unit" in found[0].text) == (found[0].code in OF_UNITS)
 
 
 @pytest.mark.parametrize("lost", [(700, 705), (700, 709), (300, 301)])
