@@ -18,7 +18,7 @@ _ARITHMETIC = {
     },
     "attribution": {"FURTHER"},
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
-    "equivalence": {"PROBE", "MAX_RIVALS"},
+    "equivalence": {"PROBE", "UNSHOWN", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
     "floor": {
         "RANK", "FLOOR_STEPS", "FULL", "STRENGTHS", "FOLDS", "SECONDS", "MAX_ROWS", "FINE",

@@ -1,6 +1,7 @@
 """A wave that repeats within another one is its harmonic, not a second effect."""
 
 import plants
+import pytest
 
 from hil.diagnosis.engine import diagnose
 from hil.models.model import base_model
@@ -21,8 +22,9 @@ def test_a_wave_of_another_order_is_no_harmonic() -> None:
         base_model(train.robot),
         [plants.cogging_axis(1, 0.008, 2.43 * plants.COGGING_ORDER)],
     )
-    # a function of the position does better than the second wave's nearest law: it gets no name
-    assert [f.effect for f in found.findings] == ["cogging"]
+    assert [f.effect for f in found.findings] == ["cogging", "second-cogging"]
+    second = found.findings[1].parameters["j1.second-cogging.p"].value
+    assert second == pytest.approx(2.43 * plants.COGGING_ORDER, rel=1e-3)
     assert found.ladder[-1].heldout.rms[0] < 0.8 * found.ladder[1].heldout.rms[0]
     assert not any(code == "harmonic" for code, _ in found.warnings)
 
