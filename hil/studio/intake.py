@@ -10,6 +10,7 @@ process that computes, and only after the user has agreed to this very text.
 from __future__ import annotations
 
 import json
+import shlex
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -250,7 +251,8 @@ def write(found: Imported, picked: Picked, table: Path, output: Path) -> tuple[R
         write_recordings(output, found.recordings, {"import": {"table": table.name}}, found.extras)
     except OSError as error:
         raise ConfigError(f"cannot write {output}: {error.strerror}") from error
-    return found.recordings[0], f"hil import {table.name} --map {beside.name} -o {output.name}"
+    words = ["hil", "import", table.name, "--map", beside.name, "-o", output.name]
+    return found.recordings[0], shlex.join(words)
 
 
 def _toml(data: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,22 @@ class StudioRung:
     file: str = ""
 
 
+@dataclass(frozen=True)
+class Recommended:
+    """What a diagnosis says and recommends: it outlives a computation that is broken off.
+
+    Parameters
+    ----------
+    rung : StudioRung or None
+        The model that it recommends; None where there is none.
+    shown : dict
+        What the page shows of it.
+    """
+
+    rung: StudioRung | None
+    shown: dict[str, Any]
+
+
 @dataclass
 class Workbench:
     """Sessions and a stack of models with undo and redo.
@@ -121,14 +137,15 @@ class Workbench:
     diagnosis: Diagnosis | None = None
     #: Model whose residual is drawn beside the current one; below 0: none.
     other: int = -1
-    #: Names of the user's own effects.
+    #: What that diagnosis said, or one before the last computation was broken off.
+    recommended: Recommended | None = None
+    #: Names of the user's own effects, and their files.
     own: list[str] = field(default_factory=list)
+    files: tuple[str, ...] = ()
     #: Gets what can be shown of a new model as soon as that is fitted, over the floor of the one
     #: before: first the ladder alone, then with curves, learnt effects and parameters.
     early: Callable[[dict[str, Any]], None] = lambda look: None
 
-    #: Steps to the model that the diagnosis recommends.
-    _diagnosed: tuple[WorkStep, ...] = ()
     #: The last comparison that was made: the next one uses what it made of the motion.
     before: Comparison | None = None
 
@@ -152,7 +169,10 @@ class Workbench:
         kind = catalogue.get(effect)
         several = kind.variation.per_run and len(self.inputs.runs) > 1
         options: dict[str, object] = {"per_run": True} if several else {}
-        model = self.now.model + Use(effect, joints, options)
+        model = self.now.model
+        if effect in self.own:  # it may have been learnt beside another model
+            model = replace(model, plugins=tuple(dict.fromkeys([*model.plugins, *self.files])))
+        model = model + Use(effect, joints, options)
         where = "" if joints == ("*",) else f" on {joint}"
         chosen = () if joints == ("*",) else ("--joint", joint)
         step = WorkStep("add", (effect,), chosen, model.plugins)
@@ -193,15 +213,25 @@ class Workbench:
         """Run the whole diagnosis on the current model; its rungs become the stack."""
         now = self.now
         self.diagnosis = diagnose(list(self.inputs.runs), now.model, list(self.inputs.held))
-        self._diagnosed = (*now.steps, WorkStep("improve", plugins=now.model.plugins))
+        self.recommended = self._recommended(self.diagnosis)
         return self.state()
+
+    def _recommended(self, d: Diagnosis) -> Recommended:
+        """What a diagnosis of the current model says, and the model that it recommends."""
+        now = self.now
+        said = {"text": sentences.headline(from_diagnosis(d, simulated=False)), "of": now.label}
+        shown = diagnosis_json(d) | said
+        if not d.ladder:
+            return Recommended(None, shown)
+        names = " + ".join(f.effect for f in d.findings) or "corrections"
+        steps = (*now.steps, WorkStep("improve", plugins=now.model.plugins))
+        return Recommended(StudioRung(f"diagnosis: {names}", d.model, steps), shown)
 
     def take(self) -> dict[str, Any]:
         """Take the model that the diagnosis recommends."""
-        if self.diagnosis is None or not self.diagnosis.ladder:
+        if self.recommended is None or self.recommended.rung is None:
             raise ConfigError("there is no diagnosis yet; press Diagnose first")
-        names = " + ".join(f.effect for f in self.diagnosis.findings) or "corrections"
-        return self._push(StudioRung(f"diagnosis: {names}", self.diagnosis.model, self._diagnosed))
+        return self._push(replace(self.recommended.rung, found=None, file=""))
 
     def save(self, path: str) -> dict[str, Any]:
         """Write the current fitted model; only over an older model file."""
@@ -268,13 +298,20 @@ class Workbench:
             raise ConfigError(f"cannot write {path}: a report ends in .html")
         if place.exists():
             raise ConfigError(f"cannot write {path}: a file is there; choose another name")
-        if self.diagnosis is not None:
+        about = "of the current model"
+        if self.diagnosis is not None and self.recommended is not None:
+            about = f"of the diagnosis of {self.recommended.shown['of']!r}"
             diagnosis_report(self.diagnosis, place)
+        elif self.recommended is not None:
+            raise ConfigError(
+                "what the report of the diagnosis needs was lost when a computation was broken "
+                "off; press Diagnose again"
+            )
         else:
             i, model = self.inputs, self.compared().result.model
             whole = compare(list(i.runs), model, list(i.held) or None)
             comparison_report(whole, place)
-        return {"saved": str(place.resolve())}
+        return {"saved": str(place.resolve()), "notes": [f"it is {about}"]}
 
     # ------------------------------------------------------------ inside
 
@@ -360,7 +397,6 @@ class Workbench:
     def state(self) -> dict[str, Any]:
         """Everything that the page shows of the current model."""
         c = self.compared()
-        d = self.diagnosis
         return {
             "sessions": [Path(p).name for p in self.inputs.sessions],
             "holdout": [Path(p).name for p in self.inputs.holdout],
@@ -380,10 +416,7 @@ class Workbench:
             "beside": self._beside(c),
             "own": list(self.own),
             "exports": _exports(),
-            "diagnosis": None
-            if d is None
-            else diagnosis_json(d)
-            | {"text": sentences.headline(from_diagnosis(d, simulated=False))},
+            "diagnosis": self.recommended.shown if self.recommended else None,
             "commands": [*self.inputs.made, *self._commands()],
         }
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import threading
 import time
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -25,7 +26,7 @@ from hil.record.sources import find, load_sources
 from hil.record.table_files import FORMATS, ending
 from hil.studio import intake
 from hil.studio import workbench as bench_verbs
-from hil.studio.workbench import Inputs, StudioRung, Workbench
+from hil.studio.workbench import Inputs, Recommended, StudioRung, Workbench
 
 #: What the page may ask for, and the names of its arguments.
 VERBS = {
@@ -51,6 +52,10 @@ class StudioSession:
         Models of an earlier process.
     at, table, written
         Current model, table being picked, files of effects that this studio wrote.
+    effects : tuple of str
+        Names of these.
+    recommended : Recommended or None
+        What the last diagnosis of an earlier process said.
     """
 
     def __init__(
@@ -61,6 +66,7 @@ class StudioSession:
         table: str = "",
         written: tuple[str, ...] = (),
         effects: tuple[str, ...] = (),
+        recommended: Recommended | None = None,
     ) -> None:
         self.table, self.written = table, written
         #: See `Workbench`.
@@ -70,7 +76,8 @@ class StudioSession:
         self.bench = Workbench(inputs, stack or [], at) if inputs else None
         self.effects = effects
         if self.bench is not None:
-            self.bench.own = list(effects)
+            self.bench.own, self.bench.files = list(effects), written
+            self.bench.recommended = recommended
 
     def ask(self, verb: str, given: dict[str, str]) -> dict[str, Any]:
         """Answer a request that `checked` let through."""
@@ -155,7 +162,7 @@ class StudioSession:
             inputs = replace(inputs, made=(*inputs.made, *commands))
             stack = [replace(r, found=None, file="") for r in self.bench.stack]
             bench = Workbench(inputs, stack, self.bench.at)
-        bench.own = list(self.effects)
+        bench.own, bench.files = list(self.effects), self.written
         state = bench.start()
         self.bench, self.table = bench, ""
         return state
@@ -171,7 +178,7 @@ class StudioSession:
         self.effects = tuple(dict.fromkeys([*self.effects, *names]))
         if self.bench is None:
             return {"saved": f"{path}: {', '.join(names)}", "notes": []}
-        self.bench.own = list(self.effects)
+        self.bench.own, self.bench.files = list(self.effects), self.written
         rung = self.bench.now
         plugins = tuple(dict.fromkeys([*rung.model.plugins, str(place)]))
         rung.model, rung.found, rung.file = replace(rung.model, plugins=plugins), None, ""
@@ -211,6 +218,8 @@ class BenchState:
         Table whose columns are being picked.
     written, effects : tuple of str
         Files of own effects, and names of these.
+    recommended : Recommended or None
+        What the last diagnosis said.
     """
 
     inputs: Inputs | None
@@ -219,6 +228,7 @@ class BenchState:
     table: str = ""
     written: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
+    recommended: Recommended | None = None
 
 
 @dataclass(frozen=True)
@@ -267,11 +277,41 @@ def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
     return {n: str(given[n]) for n in names}
 
 
+def said(verb: str, error: Exception) -> str:
+    """A request that failed as nobody foresaw, in a sentence; of others than files with its trace.
+
+    Parameters
+    ----------
+    verb : str
+        The request.
+    error : Exception
+        What ended it.
+    """
+    if isinstance(error, OSError):
+        where = f" {error.filename}" if error.filename else ""
+        return f"{verb} did not reach{where}: {error.strerror or error}; choose another place"
+    if isinstance(error, UnicodeError):
+        return f"{verb} met a file that is not text in UTF-8; choose another one"
+    traceback.print_exception(error)
+    return (
+        f"{verb} failed: {type(error).__name__}: {error}. The models stay as they were; the "
+        "terminal of the studio shows where"
+    )
+
+
 def _serve(pipe: Connection, kept: BenchState) -> None:
     """The process: requests in, answers and what must be kept out."""
     with_its_parent()
     stack = [replace(r, found=None) for r in kept.stack]
-    session = StudioSession(kept.inputs, stack, kept.at, kept.table, kept.written, kept.effects)
+    session = StudioSession(
+        kept.inputs,
+        stack,
+        kept.at,
+        kept.table,
+        kept.written,
+        kept.effects,
+        kept.recommended,
+    )
     session.early = lambda look: pipe.send(FirstLook(look))
     with progress.listening(lambda what, share: pipe.send(Reached(what, share))):
         while True:
@@ -283,6 +323,8 @@ def _serve(pipe: Connection, kept: BenchState) -> None:
                 data, error = session.ask(verb, given), ""
             except HilError as failed:
                 data, error = None, str(failed)
+            except Exception as failed:  # what was shown outlives any error
+                data, error = None, said(verb, failed)
             pipe.send((data, error, _kept(session)))
 
 
@@ -293,7 +335,7 @@ def _kept(session: StudioSession) -> BenchState:
     if bench is None:
         return BenchState(None, (), 0, *of_files)
     stack = tuple(replace(r, found=None) for r in bench.stack)
-    return BenchState(bench.inputs, stack, bench.at, *of_files)
+    return BenchState(bench.inputs, stack, bench.at, *of_files, bench.recommended)
 
 
 class Worker:

@@ -1,6 +1,8 @@
 """The studio's bench: every request is a verb of the library, and the ladder falls."""
 
 import json
+import pickle
+import re
 import threading
 import time
 
@@ -12,7 +14,7 @@ from hil.models.files import read_model
 from hil.models.model import base_model
 from hil.studio import worker as worker_module
 from hil.studio.workbench import PAIRS, POINTS, VERBS, Inputs, Workbench
-from hil.studio.worker import Worker, checked
+from hil.studio.worker import BenchState, StudioSession, Worker, _kept, checked
 
 
 def inputs():
@@ -169,6 +171,83 @@ def test_nothing_of_the_users_is_written_over(begun, tmp_path):
     page = tmp_path / "r.html"
     bench.report(str(page))
     assert "Comparison" in page.read_text()[:2000]
+
+
+OWN = """from hil.models.effect import Doc, Effect, Param
+
+
+class Drag(Effect):
+    name, family = "{name}", "friction"
+    doc = Doc("tau = c v^3", signature="grows with it", shown_by="fast strokes", source="test")
+    params = (Param("c", "{{F}} s^3/{{x}}^3", "size"),)
+
+    def columns(self, motion, j, shape):
+        return motion.qd[:, j : j + 1] ** 3
+
+
+EFFECTS = (Drag(),)
+"""
+
+
+def test_an_own_effect_is_saved_with_its_file_whatever_model_it_was_learnt_beside(tmp_path):
+    session = StudioSession(inputs())
+    session.ask("start", {})
+    session.ask("add", {"effect": "spring", "joint": "joint1"})
+    place = str(tmp_path / "own_drag.py")
+    text = OWN.format(name="own-drag")
+    session.ask("learn", {"path": place, "text": text, "agreed": "yes"})
+    session.ask("undo", {})
+    state = session.ask("add", {"effect": "own-drag", "joint": "joint1"})
+    assert f"--plugin {place}" in "\n".join(state["commands"])
+    saved = session.ask("save", {"path": str(tmp_path / "m.toml")})["saved"]
+    assert read_model(saved).plugins == (place,)
+
+
+def test_what_a_diagnosis_recommends_outlives_its_process(tmp_path):
+    session = StudioSession(inputs())
+    shown = session.ask("diagnose", {})["diagnosis"]
+    assert shown["of"] == "base model"
+    kept = pickle.loads(pickle.dumps(_kept(session)))
+    again = StudioSession(kept.inputs, list(kept.stack), kept.at, recommended=kept.recommended)
+    assert again.ask("start", {})["diagnosis"] == shown
+    with pytest.raises(ConfigError, match="press Diagnose again"):
+        again.ask("report", {"path": str(tmp_path / "r.html")})
+    taken = again.ask("take", {})
+    assert taken["ladder"][-1]["label"].startswith("diagnosis: ")
+    # beside another model the verdict is still that of the base model, and the report says so
+    note = session.ask("report", {"path": str(tmp_path / "d.html")})["notes"]
+    assert note == ["it is of the diagnosis of 'base model'"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "given", "sentence"),
+    [
+        ("report", {"path": "nowhere/r.html"}, "report did not reach .*nowhere.*No such file"),
+        ("export", {"kind": "mjcf", "path": "nowhere/a.xml"}, "folder nowhere does not exist"),
+        ("save", {"path": "folder.toml"}, "save did not reach .*folder.toml"),
+        ("save", {"path": "latin.toml"}, "not text in UTF-8"),
+        ("save", {"path": "x" * 300 + ".toml"}, "save did not reach .*too long"),
+        ("save", {"path": "a\0.toml"}, "ValueError.*The models stay"),
+    ],
+)
+def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(
+    tmp_path, monkeypatch, verb, given, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "latin.toml").write_bytes(b"# \xe9\n")
+    asked = [("start", {}), (verb, given), ("undo", {})]
+    answers = []
+
+    class Both:
+        recv = lambda self: asked.pop(0) if asked else (_ for _ in ()).throw(EOFError)  # noqa: E731
+        send = lambda self, x: answers.append(x)  # noqa: E731
+
+    monkeypatch.setattr(worker_module, "with_its_parent", lambda: None)
+    worker_module._serve(Both(), BenchState(inputs()))
+    data, error, _ = [a for a in answers if isinstance(a, tuple)][1]
+    assert data is None and re.search(sentence, error), error
+    assert answers[-1][0]["ladder"] and not answers[-1][1]
 
 
 def test_requests_are_checked_before_they_reach_the_bench():

@@ -47,7 +47,7 @@ function verdict() {
   const d = state.diagnosis;
   $("verdict").hidden = !d;
   if (!d) return;
-  $("headline").textContent = d.text;
+  $("headline").textContent = (state.ladder[state.at].label === d.of ? "" : `Of ${d.of}: `) + d.text;
   // it is the model that is shown
   $("take").hidden = state.ladder[state.at].label.startsWith("diagnosis:");
   const percent = (x) => (x === null ? "-" : `${x.toPrecision(3)} %`);
@@ -90,7 +90,7 @@ function exports() {
   box.append(...state.exports.map((x) => { const o = el("option", x.name); o.value = x.name; o.title = x.what; return o; }));
   box.onchange = () => {
     const x = state.exports[box.selectedIndex];
-    $("export-path").value = `robot${x.ending}`; $("export-what").textContent = x.what;
+    $("export-path").value = `robot-${x.name}${x.ending}`; $("export-what").textContent = x.what;
   };
   box.onchange();
 }
@@ -177,10 +177,12 @@ function model() {
     use.values.forEach((v, k) => {
       const row = el("tr"), last = el("td", v.note);
       if (k === 0 && state.model.length > 1) {
-        const b = el("button", "Remove"); b.type = "button"; b.setAttribute("aria-label", `Remove ${use.effect}`);
+        const several = state.model.filter((u) => u.effect === use.effect).length > 1;
+        const b = el("button", several ? "Remove from every joint" : "Remove"); b.type = "button"; b.setAttribute("aria-label", `Remove ${use.effect}`);
         b.onclick = () => ask("remove", { effect: use.effect }); last.append(" ", b);
       }
-      row.append(el("td", k === 0 ? use.effect : ""), el("td", v.name), el("td", v.value === null ? "-" : String(v.value), "n"),
+      const where = use.joints.includes("*") ? "" : ` on ${use.joints.join(", ")}`;
+      row.append(el("td", k === 0 ? use.effect + where : ""), el("td", v.name), el("td", v.value === null ? "-" : String(v.value), "n"),
         el("td", v.half === null ? "-" : String(v.half), "n"), el("td", v.unit), last);
       body.append(row);
     });
