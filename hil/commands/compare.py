@@ -7,6 +7,7 @@ import argparse
 from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
+from hil.diagnosis.floor import practical
 from hil.diagnosis.verbs import Comparison
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.models.model import Band
@@ -142,7 +143,10 @@ def _taken(c: Comparison) -> str:
 
 def _places(c: Comparison) -> list[str]:
     """The strongest places first."""
-    places = [r for items in c.where.values() for r in items]
+    places = [r for items in c.felt.values() for r in items]
+    if not places and any(c.where.values()):
+        share = 100 * practical(c.result.problem)
+        return [f"  nowhere by more than efforts are known to ({share:.2g} % of the rms effort)"]
     if not places:
         return ["  nowhere above the noise band"]
     return [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]

@@ -14,6 +14,7 @@ from hil import progress
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
+from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner, differences, settled
 from hil.diagnosis.preconditions import contradicted, mistaken, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
@@ -91,6 +92,17 @@ class Comparison(Plotted):
         else:
             noise = np.minimum(self.evidence.floor.rms, self.result.rms)
         return above_zero(noise)
+
+    @property
+    def felt(self) -> dict[str, list[Region]]:
+        """Regions in which the model fails by more than efforts are known to, by joint.
+
+        A quiet recording shows less, too; nothing depends on it.
+        """
+        problem = self.result.problem
+        least = practical(problem) * problem.rms(problem.effort)
+        sizes = dict(zip(problem.joints, least.tolist(), strict=True))
+        return {j: [r for r in some if abs(r.mean) > sizes[j]] for j, some in self.where.items()}
 
 
 def faults_of(recordings: list[Recording]) -> list[DataFault]:
@@ -219,7 +231,7 @@ def compare(
         result, heldout, evidence, where, steps, faults, floor, model.valid, examine.other
     )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
-    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, out.felt))
     return out
 
 
