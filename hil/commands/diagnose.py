@@ -154,8 +154,9 @@ def _telling(f: Finding, contribution: str = "") -> str:
 
     Of a wave its amplitude and period; else a coefficient that the data determine, the largest of
     one unit, or both of two.  A shape (a time, a speed) stands for the size only where all
-    coefficients are shares of one; of several the one of the least relative standard error.  Where
-    the data determine none of these, what the effect takes off the error, in words.
+    coefficients are shares of one: one that is declared to be the size and determined, else the
+    one of the least relative standard error.  Where the data determine none of these, what the
+    effect takes off the error, in words.
     """
     if wave := _wave(f):
         return wave
@@ -171,8 +172,10 @@ def _telling(f: Finding, contribution: str = "") -> str:
                 return ", ".join(common.value_line(n, short[n]) for n in own)
             best = max(like, key=lambda n: abs(short[n].value))
             return common.value_line(best, short[best])
-    shaped = [p.name for p in kind.shape if p.name in short and p.unit != "1"]
-    if not sized and (name := _surest(short, shaped)):
+    shapes = [p for p in kind.shape if p.name in short and p.unit != "1"]
+    shaped = [p.name for p in shapes]
+    size = [p.name for p in shapes if p.size and _sure(short[p.name], VALUE_DEVIATIONS)]
+    if not sized and (name := _surest(short, size or shaped)):
         return common.value_line(name, short[name])
     if contribution:
         return f"{contribution} rms in all; no value is determined"

@@ -204,6 +204,8 @@ def test_a_size_that_is_not_determined_is_said_to_be_none(effect, values, said):
 def test_of_several_shapes_the_surest_is_shown():
     values = {"a": (0.9, 0.06, "1"), "b": (0.02, 0.015, "rad"), "fl": (0.4, 0.01, "N m")}
     assert _telling(finding("backlash", **values)) == "fl = 0.4 +- 0.01 N m"
+    values["b"] = (0.02, 0.002, "rad")  # the play itself, once it is determined
+    assert _telling(finding("backlash", **values)) == "b = 0.02 +- 0.002 rad"
 
 
 def test_the_contribution_is_what_the_error_falls_by(late):
