@@ -54,7 +54,7 @@ from hil.identify.regression import inflation
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
-CHANGED = "changed"
+CHANGED, BENT = "changed", "curved-in-temperature"
 #: Instants of a run that are tried, and those around the best of them.
 INSTANTS, AROUND = 15, 16
 #: Share of a column below which it is the model's own.
@@ -110,7 +110,8 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     problem, columns = result.problem, _columns(result, j)
     cuts = _coarse(result)
     gain, value, what, cut = _best(projector, j, columns, range(len(VALUES)), cuts)
-    if gain < ADEQUATE * _throughout(projector, j, columns[:, what]):
+    others = _throughout(projector, j, columns[:, what]), _bend(projector, result, j)[0]
+    if gain < ADEQUATE * max(others):
         return None
     if cut[1]:
         # the instant itself, between its neighbours
@@ -140,6 +141,55 @@ def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
     free = whole - float(np.sum(projector.inner(rows, c[:, None]) ** 2))
     along = float(c @ projector.residual[rows])
     return along**2 / free if free > OWN_SHARE * whole else 0.0
+
+
+def _bend(projector: Projector, result: FitResult, j: int) -> tuple[float, int, str]:
+    """What a curve of the temperature explains where a law of joint j is linear in it.
+
+    Gain of the columns that bend it, their number, and the law's name; zero without such a law.
+    """
+    problem, out = result.problem, (0.0, 0, "")
+    for t in result.terms:
+        if t.joint != j or t.effect.scope.whole:
+            continue
+        raw = []
+        for m in problem.motions:
+            warm = t.effect.relations.linear(m, j, t.shape)
+            raw += [] if warm is None else [t.effect.columns(m, j, t.shape) * warm[:, None]]
+        if len(raw) == len(problem.motions):
+            gain = projector.gain_of(t, problem.gated(raw, j) / result.sigma[j])
+            out = max(out, (gain, raw[0].shape[1], t.effect.name))
+    return out
+
+
+def bends(result: FitResult, projector: Projector | None) -> list[tuple[str, str]]:
+    """Notes (code, sentence) on laws of a temperature that are curved, where the model's are not.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    projector : Projector, optional
+        That of the same fit; without it nothing is said.
+    """
+    if projector is None or result.model.explains != "motor":
+        return []
+    problem, out = result.problem, []
+    for j in np.flatnonzero(~problem.holds).tolist():
+        gain, count, name = _bend(projector, result, j)
+        r = projector.residual[j * problem.n : (j + 1) * problem.n]
+        rss = float(r @ r)
+        rest = max(rss - gain, 0.0)
+        noise = rest / max(float(problem.count[j]), 1.0) * inflation(r, problem.run)
+        # as of a change: beyond chance on all joints, and the error falls by a tenth
+        if count and gain > chdtri(count, LEVEL / problem.d) * noise and rest * ADEQUATE**2 < rss:
+            fall = 100 * (1 - np.sqrt(rest / rss))
+            text = (
+                f"{problem.joints[j]}: {name} is taken as linear in the measured temperature; a "
+                f"curved law of it would lower the error by {fall:.0f} %"
+            )
+            out.append((BENT, text))
+    return out
 
 
 def _beside(projector: Projector, j: int, c: FloatArray) -> FloatArray:

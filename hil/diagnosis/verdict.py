@@ -20,7 +20,7 @@ from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
-from hil.diagnosis.residual_tests import changes_told, pushed, unlike, unlike_notes
+from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, unlike_notes
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.identify.bands import HELD
 from hil.identify.context import renew
@@ -144,6 +144,7 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         result.problem.notes
         + late_effort(result.problem)
         + changes_told(evidence.changes)
+        + bends(result, evidence.projector)
         + shaken(evidence, result)
         + artefacts.blur_notes(evidence, result)
         + artefacts.rounded_notes(result.problem)

@@ -100,6 +100,11 @@ _PROGRESS = (
 )
 
 
+def _drift_linear(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray | None:
+    """The measured temperature, where that is what drifts."""
+    return _warmth(motion, j, shape) if shape[1] == THERMOMETER else None
+
+
 def _friction_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
     """Friction that changes at once, at the end of each of some parts of the run."""
     part = LAW_PARTS * motion.since / max(float(motion.since[-1]), 1e-9)
@@ -139,7 +144,7 @@ class FrictionDrift(Effect):
         ),
     )
     shape = _PROGRESS
-    relations = Relations(foils=_friction_drift_foils)
+    relations = Relations(foils=_friction_drift_foils, linear=_drift_linear)
     search = Grid(_friction_drift_grid)
     limits = (
         Limit(
@@ -181,7 +186,7 @@ class OffsetDrift(Effect):
     params = (Param("d0", "{F}", "change of the offset, per kelvin in the second form"),)
     shape = _PROGRESS
     scope = Scope(explains=("motor", "external"))
-    relations = Relations(foils=_offset_drift_foils)
+    relations = Relations(foils=_offset_drift_foils, linear=_drift_linear)
     search = Grid(_offset_drift_grid)
     limits = (
         Limit(

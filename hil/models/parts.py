@@ -352,6 +352,11 @@ def _no_state(motion: Motion, j: int, shape: Shape, beta: Sequence[float]) -> Fl
     return None
 
 
+def _no_temperature(motion: Motion, j: int, shape: Shape) -> FloatArray | None:
+    """No law of a temperature."""
+    return None
+
+
 @dataclass(frozen=True)
 class Twin:
     """An effect with the very same columns on some data: there no motion tells them apart.
@@ -391,6 +396,8 @@ class Relations:
     state : callable (motion, j, shape, beta) -> ndarray (n,) or None
         State of the joint's friction, 1 in steady sliding forwards, that takes the place of the
         speed's sign: every law that scales friction scales it.
+    linear : callable (motion, j, shape) -> ndarray (n,) or None
+        Measured temperature in which the law is linear, though nature's may be curved.
     """
 
     replaces: tuple[str, ...] = ()
@@ -400,6 +407,7 @@ class Relations:
     causes: tuple[str, ...] = ()
     foils: Callable[[Motion, int, Shape], Sequence[FloatArray]] = _no_foils
     state: Callable[[Motion, int, Shape, Sequence[float]], FloatArray | None] = _no_state
+    linear: Callable[[Motion, int, Shape], FloatArray | None] = _no_temperature
 
 
 # ------------------------------------------------------------ search

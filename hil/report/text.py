@@ -17,7 +17,7 @@ from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
-from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
+from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
 from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
@@ -71,6 +71,7 @@ LEADING = (
     BLURRED,
     ROUNDED,
     CHANGED,
+    BENT,
     PUSHED,
     HIGH_FLOOR,
     REFUSED,
@@ -330,7 +331,7 @@ def details(m: Material) -> list[str]:
         + [_finding(m, f) for f in m.findings]
     )
     out += _said(m, BLURRED) + _said(m, ROUNDED)
-    out += apart(m) + changed(m) + unlike(m) + _said(m, COMMON)
+    out += apart(m) + changed(m) + _said(m, BENT) + unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "

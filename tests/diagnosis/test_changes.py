@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import plants
 import pytest
 
 import hil
 from hil.commands.diagnose import text
-from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, FIT_APART, changes, changes_told
+from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, changes, changes_told
 from hil.diagnosis.verbs import ladder
 from hil.identify.problem import Problem
 from hil.identify.timing import fit_aligned
@@ -88,3 +89,23 @@ def test_a_hum_is_one_whatever_its_phase_in_another_run(seed, phase):
     d = hil.diagnose([run], hil.base_model(run.robot), held)
     assert [f.effect for f in d.findings] == ["periodic-disturbance"]
     assert d.ladder[-1].heldout.rms[0] < 1.2 * d.noise[0]
+
+
+def lubricated(seed: int) -> Recording:
+    """An axis whose viscous friction falls as oil's does, exponentially, between 25 and 45 degC."""
+    rng, t = np.random.default_rng(seed), np.arange(25000) / 1000.0
+    w = 2 * np.pi * np.array([0.08, 0.31, 0.9])
+    q, v, a = plants.sines(t, w, np.array([0.8, 0.4, 0.1]), rng.uniform(0, 6.28, 3))
+    warm = 25.0 + 20.0 * (1 - np.exp(-t / 8.0)) if seed == 1 else 45.0 - 0.8 * t
+    tau = 0.5 * a + 0.3 * np.tanh(v / 1e-3) + 1.5 * np.exp(-0.06 * (warm - 25.0)) * v
+    tau += 0.01 * rng.standard_normal(t.size)
+    q += 1e-6 * rng.standard_normal(t.size)
+    return plants.single(f"oil{seed}", t, q, tau, temperature=warm[:, None])
+
+
+def test_a_curve_of_the_measured_temperature_is_no_event():
+    d = answer(lubricated(1), lubricated(2))
+    assert [f.effect for f in d.findings] == ["friction-drift"]
+    codes = [code for code, _ in d.warnings]
+    assert CHANGED not in codes and codes.count(BENT) == 1
+    assert "is taken as linear in the measured temperature" in text(d, ladder(d))
