@@ -22,7 +22,7 @@ from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, unlike_notes
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
-from hil.identify.bands import HELD
+from hil.identify.bands import HELD, effort_noise
 from hil.identify.context import renew
 from hil.identify.fit import complete
 from hil.identify.predict import outside
@@ -280,23 +280,53 @@ REFUSED = "nearest-refused"
 
 
 def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
-    """Note (code, sentence) on joints that are at their floor, where that is much of the effort."""
+    """Note (code, sentence) on joints whose floor is much of the effort.
+
+    They are at their floor, or above it by what no function explains.
+    """
     step = out.ladder[-1]
     problem, held = step.result.problem, step.heldout
     share = held.relative * out.noise / np.maximum(held.rms, 1e-300)
-    at_floor = ~problem.holds & (held.rms <= NEAR_FLOOR * out.noise)
-    much = np.flatnonzero(at_floor & (share > 100 * TENTH)).tolist()
-    if not much:
+    at_floor = held.rms <= NEAR_FLOOR * out.noise
+    best: dict[str, float] = {}
+    for s in out.network:
+        best[s.joint] = max(best.get(s.joint, 0.0), s.share)
+    open_ = np.array([best.get(name, 1.0) < WORTH for name in problem.joints])
+    much = np.flatnonzero(~problem.holds & (at_floor | open_) & (share > 100 * TENTH))
+    if not much.size:
         return []
-    each = ", ".join(f"{share[j]:.0f} % on {problem.joints[j]}" for j in much)
+    each = ", ".join(f"{share[j]:.0f} % on {problem.joints[j]}" for j in much.tolist())
+    cause = _of_outside(out, much)
     return [
         (
             HIGH_FLOOR,
             f"the noise floor itself is much of the effort: {each}. Whatever makes it does not "
-            "follow from the recorded motion: a disturbance, a push, a poor sensor, a motion that "
-            "hardly needs effort",
+            f"follow from the recorded motion: {f'{cause}?' if cause else _OF_ANYTHING}",
         )
     ]
+
+
+#: What a high floor may come of where nothing is ruled out.
+_OF_ANYTHING = "a disturbance, a push, a poor sensor, a motion that hardly needs effort"
+
+
+def _of_outside(out: Diagnosis, joints: NDArray[np.int_]) -> str:
+    """What makes the floor of some joints where their sensors do not; empty where they may.
+
+    The white noise of the efforts must be less than a tenth of the floor, hence a hundredth of its
+    power, in the band of the fit, and no force from outside was measured.
+    """
+    problem = out.ladder[-1].result.problem
+    if any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings):
+        return ""
+    noise = [effort_noise(r, problem.rates.effort) for r in problem.recordings]
+    part = float(np.max((np.sqrt(np.mean(np.square(noise), axis=0)) / out.noise)[joints]))
+    if part > TENTH:
+        return ""
+    return (
+        f"white noise of the efforts is at most {100 * part:.2g} % of that floor, so did something "
+        "act from outside that nobody measured (a hand, a wearer, a cable)"
+    )
 
 
 def _with_unlike(out: Diagnosis) -> None:

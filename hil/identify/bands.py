@@ -308,6 +308,12 @@ def _plateau(q: FloatArray, fs: float) -> FloatArray:
     return out
 
 
+def effort_noise(r: Recording, cutoff: float) -> FloatArray:
+    """White noise of the efforts that is left behind a cut-off [Hz], rms (d,) [N m or N]."""
+    white = _plateau(r.tau, r.rate)
+    return np.asarray(white * np.sqrt(min(2 * cutoff / r.rate, 1.0)))
+
+
 def _spectrum(x: FloatArray, fs: float) -> tuple[FloatArray, FloatArray]:
     """Frequencies (k,) and one-sided power densities (k, ...) of columns."""
     straight = scipy.signal.detrend(x, axis=0)
