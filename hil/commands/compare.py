@@ -7,7 +7,7 @@ import argparse
 from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
-from hil.diagnosis.floor import practical
+from hil.diagnosis.residuals import nowhere
 from hil.diagnosis.verbs import Comparison
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.models.model import Band
@@ -111,11 +111,14 @@ def _judged(c: Comparison) -> str:
     fixed = all(t.fixed for t in c.result.terms)
     own = "these sessions" if fixed else "blocks of the same sessions, held out"
     judged = "held-out sessions" if c.heldout.kind == "holdout" else own
+    which = "the held-out sessions" if c.heldout_floor is not None else "these sessions"
+    other = " (not that of the fitted sessions)" if fixed or c.heldout_floor is not None else ""
     values = "all values fitted to these data"
     if fixed:
         values = "values of the model file; nothing was fitted"
     return (
-        f"  {values}; errors on {judged}; noise floor from {method[c.evidence.floor.method]}; "
+        f"  {values}; errors on {judged}; noise floor of {which}{other}, from "
+        f"{method[c.evidence.floor.method]}; "
         f"simulated: position simulated over {c.multi_step.horizon:g} s; replay: over "
         f"{_horizon(c)} with a soft servo to the measured motion"
     )
@@ -143,10 +146,7 @@ def _taken(c: Comparison) -> str:
 
 def _places(c: Comparison) -> list[str]:
     """The strongest places first."""
-    places = [r for items in c.felt.values() for r in items]
-    if not places and any(c.where.values()):
-        share = 100 * practical(c.result.problem)
-        return [f"  nowhere by more than efforts are known to ({share:.2g} % of the rms effort)"]
+    places = [r for items in c.where.values() for r in items]
     if not places:
-        return ["  nowhere above the noise band"]
+        return [f"  {nowhere(c.result.problem)}"]
     return [f"  - {r.text}" for r in sorted(places, key=lambda r: -r.strength)[:8]]

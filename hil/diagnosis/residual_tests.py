@@ -46,6 +46,7 @@ from hil.diagnosis.constants import (
     SWINGS,
     TENTH,
 )
+from hil.diagnosis.floor import practical
 from hil.diagnosis.types import Change, Cut
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
@@ -298,7 +299,7 @@ class Unlike:
 def unlike(
     result: FitResult, error: FloatArray, floor: FloatArray, projector: Projector | None = None
 ) -> list[Unlike]:
-    """Joints that move, are at their floor, and leave something other than noise.
+    """Joints that move, are at their floor, and leave something other than noise that matters.
 
     Parameters
     ----------
@@ -311,6 +312,7 @@ def unlike(
     """
     problem, out = result.problem, []
     moves = ~problem.holds & (error <= NEAR_FLOOR * floor) & (result.model.explains == "motor")
+    moves &= error > practical(problem) * problem.rms(problem.effort)
     for j in np.flatnonzero(moves).tolist():
         own = _unlike_of(result, j, projector)
         out += [own] if own else []

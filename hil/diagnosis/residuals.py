@@ -30,6 +30,7 @@ import scipy
 from numpy.typing import NDArray
 
 from hil.diagnosis.constants import CERTAIN, LEVEL, NEAR_FLOOR
+from hil.diagnosis.floor import practical
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -357,6 +358,23 @@ def _of_effort(value: float, size: float) -> str:
 
 def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Region]]:
     """Regions where the model fails, per joint, strongest first (at most `most`)."""
+    return {joint: _strongest(items, most) for joint, items in _found(result, floor).items()}
+
+
+def that_matter(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Region]]:
+    """The same without what is below the practical size, unless all of it together is not."""
+    problem, found = result.problem, _found(result, floor)
+    least = practical(problem) * problem.rms(problem.effort)
+    excess = result.rms**2 - floor.rms**2
+    for j, joint in enumerate(problem.joints):
+        large = [r for r in found[joint] if abs(r.mean) > least[j]]
+        if large or excess[j] <= least[j] ** 2:
+            found[joint] = large
+    return {joint: _strongest(items, most) for joint, items in found.items()}
+
+
+def _found(result: FitResult, floor: Floor) -> dict[str, list[Region]]:
+    """Everything above its band, per joint."""
     found: dict[str, list[Region]] = {joint: [] for joint in result.problem.joints}
     for view in views(result, floor):
         j = result.problem.joints.index(view.joint)
@@ -373,7 +391,15 @@ def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Re
     for j, joint in enumerate(result.problem.joints):
         if not result.problem.holds[j]:
             found[joint] += [_of_line(joint, x) for x in lines(result, floor, j)]
-    return {joint: _strongest(items, most) for joint, items in found.items()}
+    return found
+
+
+def nowhere(problem: Problem) -> str:
+    """What is said where there is no region."""
+    return (
+        f"nowhere above the noise band by more than {100 * practical(problem):g} % of the rms "
+        "effort; what is less does not matter"
+    )
 
 
 def _of_line(joint: str, x: Line) -> Region:

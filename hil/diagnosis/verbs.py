@@ -14,11 +14,10 @@ from hil import progress
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
-from hil.diagnosis.floor import practical
 from hil.diagnosis.heldout import Examiner, differences, settled
 from hil.diagnosis.preconditions import contradicted, mistaken, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
-from hil.diagnosis.residuals import Region, regions, seeming
+from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
@@ -59,7 +58,7 @@ class Comparison(Plotted):
     evidence : Evidence
         Noise floor and candidates.
     where : dict
-        Regions in which the model fails, by joint.
+        Regions in which the model fails by more than the practical size, by joint.
     multi_step : MultiStep
         Short-horizon simulation error.
     faults : list
@@ -92,17 +91,6 @@ class Comparison(Plotted):
         else:
             noise = np.minimum(self.evidence.floor.rms, self.result.rms)
         return above_zero(noise)
-
-    @property
-    def felt(self) -> dict[str, list[Region]]:
-        """Regions in which the model fails by more than efforts are known to, by joint.
-
-        A quiet recording shows less, too; nothing depends on it.
-        """
-        problem = self.result.problem
-        least = practical(problem) * problem.rms(problem.effort)
-        sizes = dict(zip(problem.joints, least.tolist(), strict=True))
-        return {j: [r for r in some if abs(r.mean) > sizes[j]] for j, some in self.where.items()}
 
 
 def faults_of(recordings: list[Recording]) -> list[DataFault]:
@@ -204,7 +192,7 @@ def compare(
     fitted(result, heldout)
     progress.at("measure the noise floor", 0.15)
     evidence = gather(result)
-    where = regions(result, evidence.floor)
+    where = that_matter(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
     faults = [
         *faults_of(recordings),
@@ -231,7 +219,7 @@ def compare(
         result, heldout, evidence, where, steps, faults, floor, model.valid, examine.other
     )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
-    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, out.felt))
+    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
     return out
 
 

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from hil.diagnosis.equivalence import at_issue, concerned
-from hil.diagnosis.residuals import Region, regions
+from hil.diagnosis.residuals import Region, nowhere, that_matter
 from hil.diagnosis.types import Diagnosis, Indistinguishable
 from hil.diagnosis.verbs import Comparison, Rung, rising
 from hil.identify.design import head
@@ -169,14 +169,15 @@ def _alarms(m: Material) -> list[str]:
 
 def fails(m: Material) -> str:
     """Views of the residual, strongest regions as sentences."""
-    first = _strongest(regions(m.before.result, m.last.floor), 6)
-    text = items(first) if first else paragraph("Nowhere above the noise band.")
+    first = _strongest(that_matter(m.before.result, m.last.floor), 6)
+    none = f"{nowhere(m.before.result.problem)}."
+    text = items(first) if first else paragraph(none.capitalize())
     several = len(m.rungs) > 1
     lead = "Before any effect was added, strongest first:" if several else "Strongest first:"
     parts = [paragraph(lead) if first else "", text]
     if several:
-        left = _strongest(regions(m.after.result, m.last.floor), 5)
-        nothing = "With the added effects nothing stands above the noise band."
+        left = _strongest(that_matter(m.after.result, m.last.floor), 5)
+        nothing = f"With the added effects: {none}"
         parts.append(paragraph("Left over with all added effects:" if left else nothing))
         parts.append(items(left))
     figures = [f.html() for f in (*view_figures(m), *spectra_figures(m))]

@@ -6,8 +6,10 @@ import numpy as np
 import plants
 import pytest
 
+from hil.commands.compare import text
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.residuals import lines, path, regions, since_reversal
+from hil.diagnosis.verbs import compare, fit
 from hil.identify.problem import Problem
 from hil.identify.timing import fit_aligned
 from hil.models.model import base_model
@@ -62,3 +64,32 @@ def test_a_drag_shows_over_speed_and_nothing_shows_without() -> None:
     assert "speed" in {r.feature for r in regions(result, floor)["joint1"]}
     result, floor = compared(plants.stiction_axis(1))
     assert regions(result, floor)["joint1"] == []
+
+
+def hummed(share: float) -> Recording:
+    """A quiet axis of inertia and viscous friction with a hum of a share of its rms effort."""
+    rng, t = np.random.default_rng(3), np.arange(20000) / 1000.0
+    w = 2 * np.pi * np.array([0.11, 0.37, 0.9])
+    q, v, a = plants.sines(t, w, np.array([0.5, 0.3, 0.1]), np.array([1.0, 2.0, 3.0]))
+    tau = 0.5 * a + 0.8 * v
+    size = float(np.sqrt(np.mean(tau**2)))
+    tau += np.sqrt(2) * share * size * np.sin(2 * np.pi * 3.3 * t)
+    return plants.single("hum", t, q, tau + 1e-3 * size * rng.standard_normal(t.size))
+
+
+def test_what_is_below_the_practical_size_is_no_place_and_no_alarm() -> None:
+    said = {}
+    for share in (0.0015, 0.015):
+        run = hummed(share)
+        said[share] = text(compare([run], base_model(run.robot)))
+    assert "nowhere above the noise band by more than 0.3 % of the rms effort" in said[0.0015]
+    assert "times its noise band" not in said[0.0015] and "remaining error" not in said[0.0015]
+    assert "the residual has a line at 3" in said[0.015]
+
+
+def test_a_comparison_says_whose_floor_it_is() -> None:
+    run = plants.stiction_axis(1)
+    model = fit([run], base_model(run.robot)).model
+    fitted, kept = (text(compare([run], m)) for m in (model, model.as_it_is()))
+    assert "noise floor of these sessions, from" in fitted
+    assert "noise floor of these sessions (not that of the fitted sessions), from" in kept
