@@ -306,7 +306,7 @@ def _alignment(result: FitResult, j: int, whole: bool) -> float:
 def sample_shift(result: FitResult) -> tuple[float, float]:
     """Delay of the effort against the motion [s], common to all joints, and its standard error.
 
-    Zero beyond one sample.
+    Zero beyond one sample; efforts that are late by hardly more, and not for sure, are so by one.
 
     Of the slow motion, for noise in a closed loop looks like a delay where it is fast; and told
     apart from friction that turns before the speed does, or is bent over the speed.  The median
@@ -326,10 +326,10 @@ def sample_shift(result: FitResult) -> tuple[float, float]:
     seen = [slow_delay(result, j, friction=True) for j in sorted(set(range(problem.d)) - late)]
     seen = [(value, error) for value, error in seen if error < KNOWN * longest]
     shift, error = _middle(seen, longest / FINEST) if seen else (0.0, 0.0)
-    if abs(shift) > longest:
+    if shift > longest or shift + CLEAR * error < -longest:
         return 0.0, error
     spread = KNOWN * longest
-    shift *= spread**2 / (spread**2 + error**2)
+    shift = max(shift * spread**2 / (spread**2 + error**2), -longest)
     return (shift if abs(shift) >= longest / FINEST else 0.0), error
 
 

@@ -423,6 +423,31 @@ def test_what_is_hardly_known_of_a_lateness_is_hardly_taken_out(
     assert sample_shift(result)[0] == pytest.approx(0.6 * share * longest, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("late", "error", "taken"), [(-1.2, 0.1, -1.0), (1.2, 0.1, 0.0), (-1.2, 0.01, 0.0)]
+)
+def test_efforts_late_by_hardly_more_than_a_sample_are_so_by_one(
+    monkeypatch: pytest.MonkeyPatch, late: float, error: float, taken: float
+) -> None:
+    """An early one may be a drive's delay; what is late by more for sure was recorded so."""
+    problem = Problem([plants.counted_axis(20.0)], AXIS.robot)
+    result, longest = fit(problem, AXIS), longest_shift(problem)
+    told = late * longest, error * longest
+    monkeypatch.setattr("hil.identify.slow_motion.slow_delay", lambda *_, **__: told)
+    assert sample_shift(result)[0] == pytest.approx(taken * longest)
+
+
+@pytest.mark.parametrize("late", [1.02, 1.08, 1.15, 1.3])
+def test_no_lateness_between_one_sample_and_more_stays(late: float) -> None:
+    fs = 200.0
+    t = np.arange(int(40 * fs)) / fs
+    rng = np.random.default_rng(4)
+    seen, moved = (plants.counted_at(t, t - d / fs, rng, 0.02) for d in (0.0, late))
+    problem = Problem([replace(seen, tau=moved.tau)], AXIS.robot)
+    fit_aligned(problem, AXIS)
+    assert problem.shift == pytest.approx(-late / fs, abs=0.3 / fs)
+
+
 def test_parts_that_contradict_each_other_know_little() -> None:
     covariance = 1e-8 * np.eye(4)
     mean, error = _agreed(np.array([1.0, 1.1, 0.9, 1.0]) * 1e-3, covariance)
