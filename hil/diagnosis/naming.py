@@ -271,6 +271,8 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
         if apart.now.errors.squared.shape != now.errors.squared.shape:
             continue
         gain = paired((now.errors.squared - apart.now.errors.squared) @ weight)
+        if _no_more(search, apart, c, r):
+            continue
         less = apart.now.errors.power[j] < (1 - WORTH) ** 2 * now.errors.power[j]
         refit = rules.Refit(search, r, now, apart.now)
         if less and gain > RISEN and not rules.fails(refit, FORMS):
@@ -280,6 +282,17 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
             went[r.candidate.term.key] = _gone_on(r, search, apart)
     renew(now.result)
     return went
+
+
+def _no_more(search: Search, apart: Search, c: Candidate, r: Rated) -> bool:
+    """Whether a start has led to the same law, and to no more beside it than that may be wrong by.
+
+    The search from that law has given no name to what this takes.
+    """
+    j = r.joint
+    left, less = float(search.now.errors.power[j]), float(apart.now.errors.power[j])
+    again = any(f.term.key == c.term.key for f in apart.found)
+    return again and left - less <= rules.inaccuracy(search, r.candidate, j, left)
 
 
 def _gone_on(r: Rated, search: Search, apart: Search) -> Rated:

@@ -43,7 +43,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, levels, parts
-from hil.diagnosis.types import CheckResult, Evidence
+from hil.diagnosis.types import Candidate, CheckResult, Evidence
 from hil.identify.context import SOLID
 from hil.identify.design import Term, head
 from hil.identify.regression import inflation
@@ -201,20 +201,23 @@ def _discrepancy(case: RuleCase) -> str:
     floor: no other law fits what a law misses so well.
     """
     r = case.rated
+    if Trait.CORRECTION in r.candidate.term.effect.traits:
+        return ""
     floor, left = case.evidence.floor, np.zeros(case.search.problem.d)
     left[r.joint] = max(r.after, 0.0) ** 0.5
     alone = r.after < HALF**2 * r.before and not floor.exceeded(left, r.joint)
-    if Trait.CORRECTION in r.candidate.term.effect.traits or alone:
-        return ""
-    small = r.removed <= inaccuracy(case.search, r)
+    small = not alone and r.removed <= inaccuracy(case.search, r.candidate, r.joint, r.before)
     return "it may be an inaccuracy of the laws named before" if small else ""
 
 
-def inaccuracy(search: Search, r: Rated) -> float:
-    """Mean square error of a candidate's joint by which the laws named before may err."""
-    explained = float(search.base.errors.power[r.joint]) - r.before
-    if r.candidate.term.effect.family == "friction" or _ripples(r.candidate.term, search):
-        explained -= search.of_conservative(r.joint)
+def inaccuracy(search: Search, c: Candidate, j: int, without: float) -> float:
+    """Mean square error of joint j by which all laws but a candidate may err.
+
+    `without`: what they leave.
+    """
+    explained = float(search.base.errors.power[j]) - without
+    if c.term.effect.family == "friction" or _ripples(c.term, search):
+        explained -= search.of_conservative(j)
     return DISCREPANCY * max(explained, 0.0)
 
 
@@ -283,7 +286,8 @@ def _kindred(case: RuleCase) -> str:
 @_candidate("overtone")
 def _overtone(case: RuleCase) -> str:
     c, search = case.rated.candidate, case.search
-    if case.evidence.projector is None:
+    unnamed = Trait.CORRECTION in c.term.effect.traits
+    if unnamed or case.evidence.projector is None:
         return ""
     return harmonic(c, search.found, search.problem.motions[0], case.evidence.projector)
 

@@ -402,9 +402,9 @@ class Search(Models):
         before = self.rungs[-1 - corrections]
         for j, laws in self.instead.items():
             for r, rung in laws[:1]:
-                fell = float(before.errors.power[j] - rung.errors.power[j])
-                seen = replace(r, before=float(before.errors.power[j]))
-                if fell <= rules.inaccuracy(self, seen):
+                left = float(before.errors.power[j])
+                fell = left - float(rung.errors.power[j])
+                if fell <= rules.inaccuracy(self, r.candidate, j, left):
                     continue
                 if rules.fails(rules.Refit(self, r, before, rung)) is not None:
                     continue

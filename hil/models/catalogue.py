@@ -32,6 +32,7 @@ MODULES = (
     "hil.models.transmission",
     "hil.models.network",
     "hil.models.correction",
+    "hil.models.generic",
 )
 _table: dict[str, Effect] = {}
 

@@ -7,24 +7,12 @@ is written foretells as much as the data allow.
 Source: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, chapter 5 (basis
 expansions); Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002 (slip
 elements); Nelles, Nonlinear System Identification, 2001.
-
-Gravity and couplings of an arm whose geometry is not known.
-
-Of a serial chain every entry of the gravity vector and of the inertia matrix is a polynomial in the
-sines and cosines of the joint angles.  Without a robot description these laws take its terms up to
-products of two joints, with free coefficients.  They are corrections, not findings: they predict,
-and no link's mass follows from them.
-
-Source: Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3 (dynamics are
-linear in sums of products of sines and cosines); Spong, Hutchinson, Vidyasagar, Robot Modeling and
-Control, 2006, 7.3 (Christoffel symbols).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -34,17 +22,16 @@ from hil.models.effect import (
     Effect,
     Grid,
     Param,
-    Relations,
     Scope,
     Shapes,
     Trait,
+    Waves,
     typical_speed,
 )
-from hil.models.formula import evaluated, states
+from hil.models.friction import HARMONICS, harmonics, position_orders
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import SLIPS, slip_state
-from hil.models.robots import IndependentAxes
 
 #: Beyond the range by this factor a function of the position stays where it ends.
 RANGE_FACTOR = 1.05
@@ -232,6 +219,35 @@ class OfTurn(Correction):
         angle = motion.q[:, j, None] * np.arange(1, WAVES + 1)
         waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)
         return waves.reshape(motion.n, 2 * WAVES)
+
+
+def _of_wave_grid(motion: Motion, j: int) -> Shapes:
+    """Every half order over the span, and those of the motor's turns."""
+    return position_orders(motion, j, motor=True)
+
+
+def _of_wave_carrier(motion: Motion, j: int) -> FloatArray:
+    """1."""
+    return np.ones(motion.n)
+
+
+class OfWave(Correction):
+    """A wave over the position beyond the named ones: a further harmonic, a third period."""
+
+    name = "correction-wave"
+    doc = _doc(
+        equation="tau = a1 sin kq + b1 cos kq + a2 sin 2kq + b2 cos 2kq,  k = 2 pi p",
+        variables="the position, in waves",
+        formulas=HARMONICS,
+    )
+    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    shape = (Param("p", "1/{x}", "periods per unit of position", 0.0),)
+    search = Waves(_of_wave_grid, carrier=_of_wave_carrier)
+    traits = Correction.traits | Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Two harmonics over position."""
+        return harmonics(motion.q[:, j], shape[0])
 
 
 class OfDirection(Correction):
@@ -468,204 +484,15 @@ class OfOtherJoint(Correction):
         return np.concatenate([own, powers, np.stack([between, accelerated], axis=1)], axis=1)
 
 
-#: Joints, nearest in the chain first, whose angles count; 72 products of two of them.
-MAX_ANGLES = 6
-#: Range of a joint below which it holds its place [rad, m].
-LITTLE_SHARE = {"rad": 0.02, "m": 0.002}
-
-
-def moving(motion: Motion, j: int) -> list[int]:
-    """Joints that move, at most `MAX_ANGLES`, those nearest to joint j first."""
-    little = [LITTLE_SHARE[unit] for unit in motion.robot.units]
-    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > little[k]]
-    return sorted(sorted(some, key=lambda k: abs(k - j))[:MAX_ANGLES])
-
-
-#: A column as a formula (`hil.models.formula`): what these laws are made of.
-Texts = Callable[[Motion, int], Iterator[str]]
-
-
-def waves(motion: Motion, k: int) -> tuple[str, str]:
-    """Sine and cosine of joint k's angle; of a slide its position and the square of it."""
-    if motion.robot.units[k] == "rad":
-        return f"sin(q{k + 1})", f"cos(q{k + 1})"
-    return f"q{k + 1}", f"q{k + 1} ** 2"
-
-
-def _evaluated(texts: Texts, motion: Motion, j: int) -> FloatArray:
-    """Columns (n, m) of formulas in the joints' states."""
-    q, v, a = motion.q, motion.qd, motion.qdd
-    state = states(motion.d, lambda k: q[:, k], lambda k: v[:, k], lambda k: a[:, k])
-    return np.stack(evaluated(tuple(texts(motion, j)), state), axis=1)
-
-
-def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:
-    """Documentation of a law of several joints."""
-    return Doc(
-        equation=equation,
-        signature=signature,
-        shown_by="all joints over their whole ranges, slowly and fast",
-        source="Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3",
-        caveat="sums of unknown masses and lengths: give a URDF to get values with a meaning",
-        variables=variables,
-    )
-
-
-def _scope(texts: Texts) -> Scope:
-    """Several joints of which nothing is known, a coefficient for each of the products."""
-
-    def lacks(motion: Motion, j: int) -> str:
-        if not isinstance(motion.robot, IndependentAxes):
-            return "the robot's geometry is known"
-        if motion.d < 2 or not any(texts(motion, j)):
-            return "needs two joints that move"
-        return ""
-
-    def terms(motion: Motion, j: int) -> tuple[Param, ...]:
-        names = (f"c{k}" for k, _ in enumerate(texts(motion, j), 1))
-        return tuple(Param(name, "{F}", "coefficient of a product") for name in names)
-
-    def formulas(motion: Motion, j: int) -> tuple[str, ...]:
-        return tuple(texts(motion, j))
-
-    return Scope(lacks=lacks, terms=terms, formulas=formulas)
-
-
-class _OfGeometry(Correction):
-    """A law of several joints without a robot description."""
-
-    family = "mass"
-    traits = Correction.traits | Trait.GEOMETRY
-
-
-def _single(motion: Motion, j: int) -> Iterator[str]:
-    """Waves of single angles, one column after the other: where a slide is turns no weight."""
-    for k in moving(motion, j):
-        if motion.robot.units[k] == "rad":
-            yield from waves(motion, k)
-
-
-class GenericGravity(_OfGeometry):
-    """Gravity: any sum of the sines and cosines of single joint angles."""
-
-    name = "generic-gravity"
-    doc = _geometry_doc(
-        "tau_j = sum_k a_k sin q_k + b_k cos q_k",
-        "an effort that stays at rest and varies with the posture",
-        "gravity of an unknown geometry",
-    )
-    scope = _scope(_single)
-    traits = _OfGeometry.traits | Trait.MOTION
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _evaluated(_single, motion, j)
-
-
-def _paired(motion: Motion, j: int) -> Iterator[str]:
-    """Products of the waves of two joints, one of which turns."""
-    for k, other in combinations(moving(motion, j), 2):
-        if "rad" not in (motion.robot.units[k], motion.robot.units[other]):
-            continue
-        for a in waves(motion, k):
-            for b in waves(motion, other):
-                yield f"{a} * {b}"
-
-
-class GenericPosture(_OfGeometry):
-    """Gravity: products of the sines and cosines of two joint angles."""
-
-    name = "generic-posture"
-    doc = _geometry_doc(
-        "tau_j = sum_kl c_kl {sin, cos} q_k {sin, cos} q_l",
-        "an effort that stays at rest and varies with the posture of two joints",
-        "gravity of an unknown geometry, by pairs of joints",
-    )
-    scope = _scope(_paired)
-    traits = _OfGeometry.traits | Trait.MOTION
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _evaluated(_paired, motion, j)
-
-
-def _coupled(motion: Motion, j: int) -> Iterator[str]:
-    """Accelerations of the other joints, and squares of speeds, times waves."""
-    for k in (k for k in moving(motion, j) if k != j):
-        v, a = f"v{k + 1}", f"a{k + 1}"
-        yield a
-        for w in waves(motion, max(j, k)):
-            yield f"{a} * {w}"
-            yield f"{v} ** 2 * {w}"
-            yield f"v{j + 1} * {v} * {w}"
-        for w in waves(motion, k):
-            yield f"a{j + 1} * {w}"
-
-
-class GenericInertia(_OfGeometry):
-    """Couplings: inertia of the other joints' motion, and what comes of their speeds."""
-
-    name = "generic-inertia"
-    doc = _geometry_doc(
-        "tau_j = sum_k qdd_k (a + b sin q_m + c cos q_m) + qdd_j (d sin q_k + e cos q_k) + "
-        "(qd_k^2 and qd_j qd_k) {sin, cos} q_m,  m the farther of j and k",
-        "an effort with the acceleration of other joints, and with squares of speeds",
-        "inertia of an unknown geometry",
-    )
-    scope = _scope(_coupled)
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _evaluated(_coupled, motion, j)
-
-
-#: Other joints with which a closed chain is sought, nearest first.  Double: 64 columns more.
-LOOPED = 2
-
-
-def _looped(motion: Motion, j: int) -> Iterator[str]:
-    """Accelerations and products of speeds of two joints times waves of both: what no chain has."""
-    others = sorted((k for k in moving(motion, j) if k != j), key=lambda k: abs(k - j))
-    known = set(_coupled(motion, j))
-    for k in others[:LOOPED]:
-        v, w = f"v{j + 1}", f"v{k + 1}"
-        own, other = waves(motion, j), waves(motion, k)
-        both = [f"{a} * {b}" for a in own for b in other]
-        for rate in (f"a{j + 1}", f"a{k + 1}", f"{v} ** 2", f"{w} ** 2", f"{v} * {w}"):
-            every = (f"{rate} * {wave}" for wave in (*own, *other, *both))
-            yield from (text for text in every if text not in known)
-
-
-class GenericLoop(_OfGeometry):
-    """Inertias and couplings that vary with two angles: a parallelogram, a five-bar linkage."""
-
-    name = "generic-loop"
-    doc = _geometry_doc(
-        "tau_j = sum_k {qdd_j, qdd_k, qd_j^2, qd_k^2, qd_j qd_k} {1, sin, cos} q_j "
-        "{1, sin, cos} q_k",
-        "an effort with accelerations and squares of speeds that varies with two angles",
-        "inertia of an unknown closed chain",
-    )
-    scope = _scope(_looped)
-    relations = Relations(extends=("generic-inertia",))
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _evaluated(_looped, motion, j)
-
-
 EFFECTS = (
     OfPosition(),
     OfDetail(),
     OfTurn(),
+    OfWave(),
     OfDirection(),
     OfSpeed(),
     OfDisplacement(),
     OfPast(),
     OfLoad(),
     OfOtherJoint(),
-    GenericGravity(),
-    GenericPosture(),
-    GenericInertia(),
-    GenericLoop(),
 )

@@ -25,6 +25,7 @@ def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, 
     return {f.effect: {f.effect, *f.rivals} for f in found}
 
 
+@pytest.mark.slow
 def test_forms_that_only_a_later_effect_tells_alike_are_rivals():
     # beside a missing torque over position a lag fits better than the delay that it is
     late, torque = Hidden("delay", 1, 5.0), Hidden("position-torque", 1, 5.0)
@@ -33,6 +34,7 @@ def test_forms_that_only_a_later_effect_tells_alike_are_rivals():
     assert any({"delay", "actuator-lag"} <= names for names in found.values())
 
 
+@pytest.mark.slow
 def test_a_later_effect_on_the_joint_may_change_the_name_of_the_first():
     stop, slow = Hidden("end-stop", 2, 5.0), Hidden("stribeck", 2, 5.0)
     found = named(stop, slow, noise="coloured", excitation="repeated", seed=100)

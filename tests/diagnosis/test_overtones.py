@@ -13,6 +13,9 @@ def test_a_third_harmonic_is_no_second_name() -> None:
     assert [f.effect for f in found.findings] == ["cogging"]
     (text,) = (text for code, text in found.warnings if code == "harmonic")
     assert "repeats 3 times in a period of its cogging" in text
+    assert [c.effect for c in found.corrections] == ["correction-wave"]
+    named, corrected = (step.heldout.rms[0] for step in found.ladder[-2:])
+    assert corrected < 0.8 * named
 
 
 def test_a_wave_of_another_order_is_no_harmonic() -> None:

@@ -102,3 +102,36 @@ def test_a_spring_beside_a_soft_hysteresis_has_its_name():
     assert names(d) == {"presliding", "spring"}
     spring = next(f for f in d.findings if f.effect == "spring")
     assert spring.parameters["j1.spring.k"].value == pytest.approx(1.0, rel=0.05)
+
+
+def jaw(seed):
+    """A gripper under control that closes on something soft: Hertz' contact beyond 22 mm."""
+    rng, dt = np.random.default_rng(seed), 2e-4
+    t = np.arange(100_000) * dt
+    sizes = np.array([8.0, 5.0, 2.5, 1.5]) * 1e-3
+    swung = plants.sines(
+        t, 2 * np.pi * np.array([0.09, 0.23, 0.6, 1.0]), sizes, rng.uniform(0, 6.28, 4)
+    )[0]
+    ramps = 0.033 / np.pi * np.arcsin(np.sin(2 * np.pi * t / 6.6))
+    wanted = 0.017 + (swung if seed % 2 else ramps)
+    speed = np.gradient(wanted, dt)
+    q, v, held, u, rows = wanted[0], 0.0, 0.0, 0.0, []
+    for k in range(t.size):
+        if k % 5 == 0:
+            seen = 5e-6 * round(q / 5e-6)
+            held += 28.1 * (wanted[k] - seen)
+            u = 2250.0 * (wanted[k] - seen) + 90.0 * (speed[k] - v) + held
+            rows.append((seen, u))
+        pressed = 5200.0 * max(q - 0.022, 0.0) ** 1.5 * (1 + 1.2 * v)
+        free = v + dt * (u - 9.0 * v - pressed) / 0.9
+        v = np.copysign(max(abs(free) - dt * 1.6 / 0.9, 0.0), free)
+        q += dt * v
+    seen, u = np.array(rows[::2]).T
+    return plants.single(f"jaw{seed}", t[::10], seen, u + 0.05 * rng.normal(size=seen.size))
+
+
+def test_a_jaw_that_closes_on_something_soft_has_an_end_stop_alone():
+    """What a contact of another exponent leaves is no spring beside it."""
+    runs = [jaw(seed) for seed in (1, 2)]
+    d = hil.diagnose(runs, hil.base_model(runs[0].robot))
+    assert names(d) == {"end-stop"} and d.ladder[-1].heldout.relative[0] < 1.0

@@ -14,7 +14,7 @@ CASES = [
     ("", "joint1"),
     pytest.param("stribeck", "joint2", marks=pytest.mark.slow),
     pytest.param("presliding", "joint2", marks=pytest.mark.slow),
-    ("coupled-friction", "joint2"),
+    pytest.param("coupled-friction", "joint2", marks=pytest.mark.slow),
     pytest.param("position-torque", "joint1", marks=pytest.mark.slow),
     ("cogging", "joint2"),
 ]

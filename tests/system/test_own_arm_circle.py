@@ -25,6 +25,7 @@ def circle(tmp_path_factory):
     return folder, rig, session
 
 
+@pytest.mark.slow
 def test_the_hidden_spring_is_named(circle, capsys):
     _, _, session = circle
     capsys.readouterr()
