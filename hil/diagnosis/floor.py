@@ -41,8 +41,8 @@ from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, inflation, period, time_blocks
 from hil.identify.result import FitResult
+from hil.models.expansions import PLACE, SPEED, dictionary, input_sets
 from hil.models.motion import Motion
-from hil.models.network import PLACE, SPEED, dictionary, input_sets
 
 FloatArray = NDArray[np.float64]
 #: Columns of which less than this is new do not count.

@@ -30,9 +30,8 @@ MODULES = (
     "hil.models.disturbance",
     "hil.models.sensors",
     "hil.models.transmission",
-    "hil.models.network",
     "hil.models.correction",
-    "hil.models.generic",
+    "hil.models.expansions",
 )
 _table: dict[str, Effect] = {}
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from hil.models.effect import (
+    Correction,
     Doc,
-    Effect,
     Grid,
     Param,
     Scope,
@@ -111,14 +111,6 @@ def _doc(equation: str, variables: str, formulas: tuple[str, ...] = ()) -> Doc:
         variables=variables,
         formulas=formulas,
     )
-
-
-class Correction(Effect):
-    """Base of the corrections: a free function of some variables of the recording."""
-
-    family = "correction"
-    scope = Scope(explains=("motor", "external"))
-    traits = Trait.GIVEN | Trait.CORRECTION
 
 
 _POWERS = _coefficients(DEGREE, "coefficient of T_k")

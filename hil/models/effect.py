@@ -270,3 +270,11 @@ def log_grid(low: float, high: float, count: int) -> Shapes:
 def typical_speed(motion: Motion, j: int) -> float:
     """Root mean square speed of joint j, never zero [rad/s or m/s]."""
     return max(float(np.sqrt(np.mean(motion.qd[:, j] ** 2))), 1e-9)
+
+
+class Correction(Effect):
+    """Base of the corrections: a free function of some variables of the recording."""
+
+    family = "correction"
+    scope = Scope(explains=("motor", "external"))
+    traits = Trait.GIVEN | Trait.CORRECTION
