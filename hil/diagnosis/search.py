@@ -30,7 +30,7 @@ from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.remodel import Models, Visited, missed, without
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
-from hil.identify.design import Key, replaced
+from hil.identify.design import replaced
 from hil.identify.problem import Alignment
 from hil.identify.shape_search import expected_sign, rounder
 from hil.identify.slow_motion import LESS
@@ -590,26 +590,19 @@ class Search(Models):
 
     # ------------------------------------------------------------------ backward, exchange
 
-    def _needed(self, key: Key, feel: Sequence[int]) -> bool:
-        """Whether some joints foretell worse without an effect, all shapes as they are."""
-        now = self.now
-        groups = model_groups(now.result)
-        table = GramTable(self.problem, self.split, now.result.sigma, groups)
-        rest = table.errors([g.key for g in groups if g.key != key])
-        rise = rest.squared - now.errors.squared
-        return missed(rest, now.errors, feel) or any(paired(rise[:, j]) > BEYOND for j in feel)
-
     def backward(self) -> None:
         """Take out what later effects have made superfluous."""
         for c in self.found[:-1]:
             now = self.now
             key = c.term.key
-            steps_back = replaced(c.term)
-            if not any(t.key == key for t in now.result.terms) or steps_back - {key}:
+            if not any(t.key == key for t in now.result.terms) or replaced(c.term):
                 continue
+            groups = model_groups(now.result)
+            table = GramTable(self.problem, self.split, now.result.sigma, groups)
+            rest = table.errors([g.key for g in groups if g.key != key])
             feel = self.moves if c.term.effect.scope.whole else [c.joint]
-            # what has values of every run leaves one value for all behind, which no column holds
-            if not steps_back and self._needed(key, feel):
+            rise = rest.squared - now.errors.squared
+            if missed(rest, now.errors, feel) or any(paired(rise[:, j]) > BEYOND for j in feel):
                 continue
             rung = self.rung(
                 f"- {describe(c, self.problem)}",
@@ -620,5 +613,5 @@ class Search(Models):
                 self.rungs.append(rung)
                 self.found.remove(c)
                 self.refused.add((c.name, c.term.joint))
-                continue
+                return
             renew(now.result)

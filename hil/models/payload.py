@@ -16,7 +16,7 @@ A load that was picked up or put down in the middle of a run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy.optimize
@@ -42,8 +42,8 @@ from hil.models.effect import (
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
 
-#: Share of its squared effort by which a body may miss being a real one, whatever the errors: by so
-#: much the laws of a library miss their effects.
+#: Share of its squared effort by which a body may miss being a real one, and other runs seem to
+#: carry something, whatever the errors: by so much the laws of a library miss their effects.
 MISSES = 0.0125
 #: Instants of a run that show which parameters a motion determines, and the share of the largest
 #: direction below which it does not.
@@ -83,9 +83,16 @@ def _payload_real(f: Fitted) -> bool:
     sizes = f.error if len(f.error) == len(f.beta) else np.zeros(len(f.beta))
     noise = _noise(seen, np.reshape(sizes, (-1, 10)))
     return any(
-        all(real(seen, other - first, noise) for other in each if other is not first)
-        for first in each
+        all(real(seen, more, max(noise, MISSES * most)) for more in apart)
+        for apart, most in _differences(seen, each)
     )
+
+
+def _differences(seen: FloatArray, each: FloatArray) -> Iterator[tuple[FloatArray, float]]:
+    """What all other runs carry more than each of them, and the largest squared effort of that."""
+    for k in range(len(each)):
+        apart = np.delete(each, k, axis=0) - each[k]
+        yield apart, float(np.max(np.sum((apart @ seen.T) ** 2, axis=1), initial=0.0))
 
 
 class Payload(Effect):

@@ -109,6 +109,16 @@ def test_bodies_that_there_can_be_are_credible() -> None:
         assert real(motion, 0, (link,), np.concatenate([-body, -body - point]))
 
 
+@pytest.mark.parametrize(("share", "can_be"), [(0.05, True), (0.3, False)])
+def test_runs_without_a_body_seem_to_carry_what_a_law_misses(share: float, can_be: bool) -> None:
+    """Of three runs the second carries one, the third less than it than there can be."""
+    motion, body = moving(UrdfRobot(ARM)), order(BODY)
+    flat = np.r_[np.zeros(4), 0.3, np.zeros(5)]
+    rows = PAYLOAD.columns(motion, 0, (3.0,))
+    size = np.linalg.norm(rows @ body) / np.linalg.norm(rows @ flat)
+    assert real(motion, 0, (3.0,), np.concatenate([body, share * size * flat])) is can_be
+
+
 def test_bodies_that_there_cannot_be_are_not() -> None:
     motion = moving(UrdfRobot(ARM))
     far = np.r_[0.05, 0.4, np.zeros(8)]  # a centre 8 m away, and no inertia from that
