@@ -17,6 +17,7 @@ from hil import terminal
 from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import at_reversals, blurred_above
+from hil.diagnosis.constants import CONFIDENT
 from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
@@ -428,6 +429,7 @@ EXAMPLE = "hil diagnose run.mcap --model arm.toml --holdout other.mcap --report 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(parser)
+    common.add_output(parser, "M2.toml", "the improved model, as hil improve does")
     common.add_report(parser)
     add_verbose(parser)
     add_groups(parser)
@@ -467,9 +469,24 @@ def run(args: argparse.Namespace) -> int:
         found = groups.groups(args)
         if groups.several(args, found):
             return groups.run(args, found, answer)
+    return concluded(args)
+
+
+def concluded(args: argparse.Namespace) -> int:
+    """Diagnose sessions of one robot, print, and write the improved model where that is asked."""
     runs, held, model = common.load(args)
     result = engine.diagnose(runs, model, held)
+    # an unexplained excess leaves the model as it was; bad data leave none
+    written = args.output if result.ladder else None
+    if written:
+        common.save_model(result.model, written)
     show(args, result)
+    if written and not args.json:
+        terminal.out(f"{'improved model' if result.findings else 'model, refitted'}: {written}")
+        for f in result.findings:
+            if f.confidence < CONFIDENT:
+                names = " or ".join([f"{f.effect} on {f.joint or 'the robot'}", *f.rivals])
+                terminal.out(f"  not settled: {names}; these data fit either")
     return code(result)
 
 

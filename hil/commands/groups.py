@@ -152,6 +152,11 @@ def run(
             f"--report is the page of one diagnosis, and these are {plural(len(found), 'group')}; "
             "give the sessions of one, or --keep FOLDER for all answers as JSON"
         )
+    if args.output:
+        raise ConfigError(
+            f"-o is the model of one robot, and these are {plural(len(found), 'group')}; "
+            "give the sessions of one"
+        )
     who = where(args)
     if not args.model:
         terminal.log("no --model given: the base model of each robot")

@@ -98,9 +98,10 @@ def test_a_law_of_contact_has_no_multi_step_error(tmp_path, capsys):
     assert "simulated error" not in said and "inf" not in said
 
 
-def test_improve_writes_a_model_that_is_adequate(session, tmp_path, capsys):
+@pytest.mark.parametrize("name", ["diagnose", "improve"])
+def test_the_improved_model_is_written_and_adequate(session, tmp_path, capsys, name):
     better = tmp_path / "better.toml"
-    code, out = run(capsys, "improve", session[0], "--holdout", session[1], "-o", better, "--json")
+    code, out = run(capsys, name, session[0], "--holdout", session[1], "-o", better, "--json")
     assert code == 0
     errors = [rung["relative_all"] for rung in out["ladder"]]
     assert errors[-1] < errors[0]

@@ -160,6 +160,7 @@ def test_what_is_one_robot(one, other, same):
     ("words", "said"),
     [
         (["--by", "session", "--report", "r.html"], "--report is the page of one diagnosis"),
+        (["--by", "session", "-o", "b.toml"], "-o is the model of one robot"),
         (["--by", "session", "--workers", "0"], "--workers 0: one or more is needed"),
         (["--by", "session", "--cluster", "tcp://127.0.0.1:9"], "does not answer"),
         (["--by", "session", "--keep", "monday/axis.mcap"], "a folder is needed"),
