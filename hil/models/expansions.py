@@ -22,10 +22,12 @@ Control, 2006, 7.3 (Christoffel symbols).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.models.effect import (
     Correction,
@@ -39,7 +41,6 @@ from hil.models.effect import (
     Trait,
     typical_speed,
 )
-from hil.models.formula import evaluated, states
 from hil.models.motion import FloatArray, Motion
 from hil.models.robots import IndependentAxes
 
@@ -166,29 +167,71 @@ MAX_ANGLES = 6
 LITTLE_SHARE = {"rad": 0.02, "m": 0.002}
 
 
-def moving(motion: Motion, j: int) -> list[int]:
-    """Joints that move, at most `MAX_ANGLES`, those nearest to joint j first."""
-    little = [LITTLE_SHARE[unit] for unit in motion.robot.units]
-    some = [k for k in range(motion.d) if np.ptp(motion.span[k]) > little[k]]
-    return sorted(sorted(some, key=lambda k: abs(k - j))[:MAX_ANGLES])
+@dataclass(frozen=True)
+class Chain:
+    """What is known of an arm without a description: units of its joints, and those that move."""
+
+    units: tuple[str, ...]
+    moves: tuple[int, ...]
+
+    def near(self, j: int) -> list[int]:
+        """Joints that move, at most `MAX_ANGLES`, those nearest to joint j first."""
+        return sorted(sorted(self.moves, key=lambda k: abs(k - j))[:MAX_ANGLES])
+
+    def waves(self, k: int) -> tuple[str, str]:
+        """Sine and cosine of joint k's angle; of a slide its position and the square of it."""
+        if self.units[k] == "rad":
+            return f"sin(q{k + 1})", f"cos(q{k + 1})"
+        return f"q{k + 1}", f"q{k + 1} ** 2"
 
 
-#: A column as a formula (`hil.models.formula`): what these laws are made of.
-Texts = Callable[[Motion, int], Iterator[str]]
+def chain(motion: Motion) -> Chain:
+    """Of the robot of a run, and of all runs' ranges."""
+    return _chain(motion.robot.units, motion.span.tobytes())
 
 
-def waves(motion: Motion, k: int) -> tuple[str, str]:
-    """Sine and cosine of joint k's angle; of a slide its position and the square of it."""
-    if motion.robot.units[k] == "rad":
-        return f"sin(q{k + 1})", f"cos(q{k + 1})"
-    return f"q{k + 1}", f"q{k + 1} ** 2"
+@lru_cache(maxsize=256)
+def _chain(units: tuple[str, ...], span: bytes) -> Chain:
+    lengths = np.ptp(np.frombuffer(span).reshape(-1, 2), axis=1)
+    little = [LITTLE_SHARE[unit] for unit in units]
+    return Chain(units, tuple(np.flatnonzero(lengths > little).tolist()))
 
 
-def _evaluated(texts: Texts, motion: Motion, j: int) -> FloatArray:
-    """Columns (n, m) of formulas in the joints' states."""
-    q, v, a = motion.q, motion.qd, motion.qdd
-    state = states(motion.d, lambda k: q[:, k], lambda k: v[:, k], lambda k: a[:, k])
-    return np.stack(evaluated(tuple(texts(motion, j)), state), axis=1)
+#: Columns as formulas (`hil.models.formula`): products of at most `MOST_FACTORS` of `FACTORS`.
+Texts = Callable[[Chain, int], Iterator[str]]
+#: Factors of a column: of every joint its position, the square, sine, cosine, speed, square of the
+#: speed, acceleration.
+FACTORS = ("q{0}", "q{0} ** 2", "sin(q{0})", "cos(q{0})", "v{0}", "v{0} ** 2", "a{0}")
+MOST_FACTORS = 4
+
+
+def _columns(texts: Texts, motion: Motion, j: int) -> FloatArray:
+    """Columns (n, m) of products of factors in the joints' states.
+
+    The simulation asks for them at every step, so that all factors are computed at once.
+    """
+    q, v = motion.q, motion.qd
+    one = np.ones((len(q), 1))
+    every = np.concatenate([one, q, q * q, np.sin(q), np.cos(q), v, v * v, motion.qdd], axis=1)
+    first, *more = _factors(texts, chain(motion), j)
+    out: FloatArray = every.take(first, 1)
+    for other in more:
+        if other.any():
+            out *= every.take(other, 1)
+    return out
+
+
+@lru_cache(maxsize=1024)
+def _factors(texts: Texts, arm: Chain, j: int) -> NDArray[np.intp]:
+    """Which factors (`MOST_FACTORS`, m) the columns are products of; 0 is one."""
+    joints = range(1, len(arm.units) + 1)
+    names = [form.format(k) for form in FACTORS for k in joints]
+    at = {name: k for k, name in enumerate(names, 1)}
+    rows = [[at[x] for x in text.split(" * ")] for text in texts(arm, j)]
+    out = np.zeros((MOST_FACTORS, len(rows)), dtype=np.intp)
+    for k, row in enumerate(rows):
+        out[: len(row), k] = row
+    return out
 
 
 def _geometry_doc(equation: str, signature: str, variables: str) -> Doc:
@@ -209,16 +252,16 @@ def _scope(texts: Texts) -> Scope:
     def lacks(motion: Motion, j: int) -> str:
         if not isinstance(motion.robot, IndependentAxes):
             return "the robot's geometry is known"
-        if motion.d < 2 or not any(texts(motion, j)):
+        if motion.d < 2 or not any(texts(chain(motion), j)):
             return "needs two joints that move"
         return ""
 
     def terms(motion: Motion, j: int) -> tuple[Param, ...]:
-        names = (f"c{k}" for k, _ in enumerate(texts(motion, j), 1))
+        names = (f"c{k}" for k, _ in enumerate(texts(chain(motion), j), 1))
         return tuple(Param(name, "{F}", "coefficient of a product") for name in names)
 
     def formulas(motion: Motion, j: int) -> tuple[str, ...]:
-        return tuple(texts(motion, j))
+        return tuple(texts(chain(motion), j))
 
     return Scope(lacks=lacks, terms=terms, formulas=formulas)
 
@@ -230,11 +273,11 @@ class _OfGeometry(Correction):
     traits = Correction.traits | Trait.GEOMETRY
 
 
-def _single(motion: Motion, j: int) -> Iterator[str]:
+def _single(arm: Chain, j: int) -> Iterator[str]:
     """Waves of single angles, one column after the other: where a slide is turns no weight."""
-    for k in moving(motion, j):
-        if motion.robot.units[k] == "rad":
-            yield from waves(motion, k)
+    for k in arm.near(j):
+        if arm.units[k] == "rad":
+            yield from arm.waves(k)
 
 
 class GenericGravity(_OfGeometry):
@@ -251,16 +294,16 @@ class GenericGravity(_OfGeometry):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return _evaluated(_single, motion, j)
+        return _columns(_single, motion, j)
 
 
-def _paired(motion: Motion, j: int) -> Iterator[str]:
+def _paired(arm: Chain, j: int) -> Iterator[str]:
     """Products of the waves of two joints, one of which turns."""
-    for k, other in combinations(moving(motion, j), 2):
-        if "rad" not in (motion.robot.units[k], motion.robot.units[other]):
+    for k, other in combinations(arm.near(j), 2):
+        if "rad" not in (arm.units[k], arm.units[other]):
             continue
-        for a in waves(motion, k):
-            for b in waves(motion, other):
+        for a in arm.waves(k):
+            for b in arm.waves(other):
                 yield f"{a} * {b}"
 
 
@@ -278,19 +321,19 @@ class GenericPosture(_OfGeometry):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return _evaluated(_paired, motion, j)
+        return _columns(_paired, motion, j)
 
 
-def _coupled(motion: Motion, j: int) -> Iterator[str]:
+def _coupled(arm: Chain, j: int) -> Iterator[str]:
     """Accelerations of the other joints, and squares of speeds, times waves."""
-    for k in (k for k in moving(motion, j) if k != j):
+    for k in (k for k in arm.near(j) if k != j):
         v, a = f"v{k + 1}", f"a{k + 1}"
         yield a
-        for w in waves(motion, max(j, k)):
+        for w in arm.waves(max(j, k)):
             yield f"{a} * {w}"
             yield f"{v} ** 2 * {w}"
             yield f"v{j + 1} * {v} * {w}"
-        for w in waves(motion, k):
+        for w in arm.waves(k):
             yield f"a{j + 1} * {w}"
 
 
@@ -308,20 +351,20 @@ class GenericInertia(_OfGeometry):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return _evaluated(_coupled, motion, j)
+        return _columns(_coupled, motion, j)
 
 
 #: Other joints with which a closed chain is sought, nearest first.  Double: 64 columns more.
 LOOPED = 2
 
 
-def _looped(motion: Motion, j: int) -> Iterator[str]:
+def _looped(arm: Chain, j: int) -> Iterator[str]:
     """Accelerations and products of speeds of two joints times waves of both: what no chain has."""
-    others = sorted((k for k in moving(motion, j) if k != j), key=lambda k: abs(k - j))
-    known = set(_coupled(motion, j))
+    others = sorted((k for k in arm.near(j) if k != j), key=lambda k: abs(k - j))
+    known = set(_coupled(arm, j))
     for k in others[:LOOPED]:
         v, w = f"v{j + 1}", f"v{k + 1}"
-        own, other = waves(motion, j), waves(motion, k)
+        own, other = arm.waves(j), arm.waves(k)
         both = [f"{a} * {b}" for a in own for b in other]
         for rate in (f"a{j + 1}", f"a{k + 1}", f"{v} ** 2", f"{w} ** 2", f"{v} * {w}"):
             every = (f"{rate} * {wave}" for wave in (*own, *other, *both))
@@ -343,7 +386,7 @@ class GenericLoop(_OfGeometry):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """All products, (n, m)."""
-        return _evaluated(_looped, motion, j)
+        return _columns(_looped, motion, j)
 
 
 EFFECTS: tuple[Effect, ...] = (

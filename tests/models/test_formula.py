@@ -1,12 +1,18 @@
 """Formulas of effects: the same numbers as their columns, and nothing but what is allowed."""
 
+from dataclasses import replace
+
 import numpy as np
+import plants
 import pytest
 
 from hil.errors import ConfigError
+from hil.identify.problem import of_model
 from hil.models import catalogue, formula
-from hil.models.effect import terms_of
+from hil.models.effect import Trait, terms_of
+from hil.models.model import base_model
 from hil.models.parts import JOINT
+from hil.record.recording import Recording
 from hil.testing.effects import sample_motions
 
 DECLARED = sorted(name for name, e in catalogue.table().items() if e.doc.formulas)
@@ -68,3 +74,30 @@ def test_numbers_keep_all_their_digits():
     k = -1.0 / 3.0
     text = formula.written("k * q", {"k": k}, {"q": "q"})
     assert text == f"(({k!r}) * q)" and float(text[2:].partition(")")[0]) == k
+
+
+def arm(units):
+    """Three joints of which nothing is known, all of which move."""
+    names = tuple(f"joint{k}" for k in range(1, 4))
+    rng, t = np.random.default_rng(5), np.arange(400) * 0.01
+    q = np.stack([np.sin((k + 1.3) * t + k) for k in range(3)], axis=1)
+    given = Recording("arm", "arm", names, t, q, rng.normal(size=q.shape), robot=plants.SINGLE)
+    run = replace(given, metadata={"unit": units})
+    return of_model([run], base_model(run.robot)).motions[0]
+
+
+@pytest.mark.parametrize("units", ["rad rad rad", "rad m rad", "m m rad"])
+def test_laws_of_an_unknown_geometry_are_their_formulas(units):
+    """Chains and loops: columns are built from factors, exports from the texts."""
+    motion, tried = arm(units), 0
+    q, v, a = motion.q, motion.qd, motion.qdd
+    values = formula.states(3, lambda k: q[:, k], lambda k: v[:, k], lambda k: a[:, k])
+    for effect in (e for e in catalogue.table().values() if Trait.GEOMETRY in e.traits):
+        for j in range(3):
+            texts = effect.scope.formulas(motion, j)
+            columns = effect.columns(motion, j, ())
+            assert columns.shape[1] == len(texts)
+            for column, text in zip(columns.T, texts, strict=True):
+                np.testing.assert_array_equal(column, formula.evaluate(text, values))
+                tried += 1
+    assert tried > 100
