@@ -1,4 +1,4 @@
-"""Each learnt effect drawn over the data, against the variable that suits it."""
+"""Each learnt effect drawn over the data, against the variable that suits it; curves as data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from hil.identify.design import Term
 from hil.identify.result import FitResult
 from hil.models.contact import penetration
 from hil.models.effect import Over, Waves
-from hil.report.data import Material
+from hil.models.model import base_model
+from hil.report.data import Material, rounded
 from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, Figure, dots, grid, line
 from hil.report.figures import window
 
@@ -412,3 +413,98 @@ def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
     )
     label = f"position of {problem.joints[fit.joint]} [{problem.robot.units[fit.joint]}]"
     fig.update_xaxes(title_text=label if loop else "time [s]", row=1, col=2)
+
+
+# ------------------------------------------------------------ as data, for a page that draws
+
+#: Points of a view over speed, position or effort; pairs of extremes of a curve over time.
+POINTS, PAIRS = 1500, 800
+
+
+def learnt_json(result: FitResult) -> list[dict[str, Any]]:
+    """Every effect beside the base over its own variable: data and law in bins, and points."""
+    out = []
+    t, pick = result.problem.t, _picked(result.problem.n)
+    plain = set(base_model(result.model.robot).names())
+    for use in result.model.effects:
+        if use.type in plain:
+            continue
+        for joint in result.problem.joints if use.joints == ("*",) else use.joints:
+            fit = learnt(result, use.type, joint)
+            if fit is None:
+                continue
+            v = variable_of(result, fit)
+            sign = 1.0 if v.sign is None else v.sign
+            out.append(
+                {
+                    "effect": use.type,
+                    "joint": joint,
+                    "label": v.label,
+                    **_means(v.x, fit.partial * sign, fit.effort * sign, v.edges),
+                    "points": {
+                        "t": _short(t, pick),
+                        "x": _short(v.x, pick),
+                        "y": _short(fit.partial * sign, pick),
+                    },
+                }
+            )
+    return out
+
+
+def _means(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | None]]:
+    """Means over the bins that hold enough."""
+    k = np.digitize(x, edges)
+    count = np.bincount(k, minlength=edges.size + 1)[1:-1]
+    good = count > 5
+    mean = [
+        np.bincount(k, y, minlength=edges.size + 1)[1:-1][good] / count[good]
+        for y in (x, data, law)
+    ]
+    return {
+        name: [rounded(float(v), 4) for v in y]
+        for name, y in zip(("x", "data", "law"), mean, strict=True)
+    }
+
+
+def _picked(n: int) -> Any:
+    """Samples of n that are drawn as points."""
+    return np.arange(0, n, max(1, -(-n // POINTS)))
+
+
+def _short(values: Any, pick: Any) -> list[float | None]:
+    return [rounded(float(v), 4) for v in values[pick]]
+
+
+def series_json(result: FitResult, floor: FloatArray) -> dict[str, Any]:
+    """Residual and motion of every joint on the fitted runs, thinned for drawing."""
+    p = result.problem
+    pick = _picked(p.n)
+    return {
+        "t": _short(p.t, pick),
+        "run": p.run[pick].tolist(),
+        "joints": [
+            {
+                "trace": trace_json(p.t, p.run, result.residual[j]),
+                "residual": _short(result.residual[j], pick),
+                "effort": _short(p.effort[j], pick),
+                "position": _short(p.q[j], pick),
+                "speed": _short(p.qd[j], pick),
+                "floor": rounded(float(floor[j])),
+            }
+            for j in range(p.d)
+        ],
+    }
+
+
+def trace_json(t: Any, run: Any, y: Any) -> dict[str, list[Any]]:
+    """A curve over time by the extremes of each stretch, so that no peak is lost."""
+    wide = max(1, -(-y.size // PAIRS))
+    whole = np.append(y, np.full(-y.size % wide, y[-1])).reshape(-1, wide)
+    begin = np.arange(whole.shape[0]) * wide
+    ends = [begin + whole.argmin(axis=1), begin + whole.argmax(axis=1)]
+    pick = np.unique(np.minimum(np.concatenate(ends), y.size - 1))
+    return {
+        "t": [rounded(float(v), 6) for v in t[pick]],
+        "y": [rounded(float(v), 4) for v in y[pick]],
+        "run": np.asarray(run)[pick].tolist(),
+    }

@@ -21,15 +21,13 @@ from hil.export import target
 from hil.identify.result import FitResult
 from hil.models import catalogue
 from hil.models.files import write_model
-from hil.models.model import RobotModel, Use, Value, base_model
+from hil.models.model import RobotModel, Use, Value
 from hil.record.recording import Recording
 from hil.report import effects
 from hil.report import text as sentences
 from hil.report.data import candidate_json, diagnosis_json, from_diagnosis, region_json, rounded
 from hil.report.html import comparison_report, diagnosis_report
 
-#: Points of a view over speed, position or effort; pairs of extremes of a curve over time.
-POINTS, PAIRS = 1500, 800
 #: Candidates that are listed.
 LISTED = 12
 
@@ -142,8 +140,8 @@ class Workbench:
     #: Names of the user's own effects, and their files.
     own: list[str] = field(default_factory=list)
     files: tuple[str, ...] = ()
-    #: Gets what can be shown of a new model as soon as that is fitted, over the floor of the one
-    #: before: first the ladder alone, then with curves, learnt effects and parameters.
+    #: Gets what can be shown of a new model as soon as that is fitted, over the floor that is known
+    #: by then: first the ladder alone, then with curves, learnt effects and parameters.
     early: Callable[[dict[str, Any]], None] = lambda look: None
 
     #: The last comparison that was made: the next one uses what it made of the motion.
@@ -354,19 +352,24 @@ class Workbench:
         return self.before
 
     def _first_look(self, rung: StudioRung, result: FitResult, held: HeldOut) -> None:
-        """Show a new model over the floor of the current one, before its own is known."""
+        """Show a new model over the floor that is known, before its own is."""
         before = self.now.found
         if before is None or before.noise.shape != held.rms.shape:
             return
-        kept = [self._rung(k) for k in range(self.at + 1)]
-        floor = np.minimum(before.noise, held.rms)  # what a model reaches is no noise
+        floor = np.minimum(self._floor(self.stack[: self.at + 1]), held.rms)
+        kept = [_rung(r, floor) for r in self.stack[: self.at + 1]]
         look: dict[str, Any] = {
             "ladder": [*kept, {"label": rung.label, "joints": _errors(held, floor)}]
         }
         self.early(look)
-        curves = _series(result, before.evidence.floor.rms)
+        curves = effects.series_json(result, before.evidence.floor.rms)
         self.early(
-            look | {"series": curves, "learnt": _learnt(result), "model": _model(result.model)}
+            look
+            | {
+                "series": curves,
+                "learnt": effects.learnt_json(result),
+                "model": _model(result.model),
+            }
         )
 
     def _commands(self) -> list[str]:
@@ -406,13 +409,13 @@ class Workbench:
             "motion": list(c.result.problem.robot.units),
             "adequate": ADEQUATE,
             "at": self.at,
-            "ladder": [self._rung(k) for k in range(len(self.stack))],
+            "ladder": self._ladder(),
             "warnings": [f.sentence for f in c.faults],
             "where": {j: [region_json(r) for r in found] for j, found in c.where.items()},
             "candidates": self._candidates(c),
             "model": _model(c.result.model),
-            "learnt": _learnt(c.result),
-            "series": _series(c.result, c.evidence.floor.rms),
+            "learnt": effects.learnt_json(c.result),
+            "series": effects.series_json(c.result, c.evidence.floor.rms),
             "beside": self._beside(c),
             "own": list(self.own),
             "exports": _exports(),
@@ -430,16 +433,22 @@ class Workbench:
         if rung.found.result.residual.shape != c.result.residual.shape:
             return None
         p = rung.found.result.problem
-        traces = [_trace(p.t, p.run, r) for r in rung.found.result.residual]
+        traces = [effects.trace_json(p.t, p.run, r) for r in rung.found.result.residual]
         return {"at": self.other, "label": rung.label, "joints": traces}
 
-    def _rung(self, k: int) -> dict[str, Any]:
-        """Label and errors of a model; null where it was not compared."""
-        found = self.stack[k].found
-        out: dict[str, Any] = {"label": self.stack[k].label, "joints": None}
-        if found is not None:
-            out["joints"] = _errors(found.heldout, found.noise)
-        return out
+    def _ladder(self) -> list[dict[str, Any]]:
+        """Every model's label and errors, all of them over one floor."""
+        floor = self._floor(self.stack)
+        return [_rung(r, floor) for r in self.stack]
+
+    def _floor(self, rungs: Sequence[StudioRung]) -> FloatArray:
+        """The lowest floor that any of these models shows, by joint: they share their data.
+
+        A floor that a model shows is an upper bound on the noise, so the least is the nearest.
+        """
+        known = [r.found.noise for r in rungs if r.found is not None]
+        least: FloatArray = np.min([self.compared().noise, *known], axis=0)
+        return least
 
     def _candidates(self, c: Comparison) -> list[dict[str, Any]]:
         """Best candidates of the current model, each with what it does and a sentence."""
@@ -456,6 +465,13 @@ class Workbench:
                 continue
             rows.append(data | {"meaning": sentences.meaning(x.name), "own": own})
         return rows
+
+
+def _rung(rung: StudioRung, floor: FloatArray) -> dict[str, Any]:
+    """Label and errors of a model over a floor; null where it was not compared."""
+    found = rung.found
+    errors = None if found is None else _errors(found.heldout, floor)
+    return {"label": rung.label, "joints": errors}
 
 
 def _errors(held: HeldOut, noise: FloatArray) -> list[dict[str, float | None]]:
@@ -488,95 +504,6 @@ def _value(name: str, v: Value) -> dict[str, Any]:
         "half": rounded(half, 2),
         "unit": "" if v.unit == "1" else v.unit,
         "note": "on its bound" if v.at_bound else "" if v.identifiable else "undetermined",
-    }
-
-
-def _learnt(result: FitResult) -> list[dict[str, Any]]:
-    """Every effect beside the base over its own variable: data and law in bins, and points."""
-    out = []
-    t, pick = result.problem.t, _picked(result.problem.n)
-    plain = set(base_model(result.model.robot).names())
-    for use in result.model.effects:
-        if use.type in plain:
-            continue
-        for joint in result.problem.joints if use.joints == ("*",) else use.joints:
-            fit = effects.learnt(result, use.type, joint)
-            if fit is None:
-                continue
-            v = effects.variable_of(result, fit)
-            sign = 1.0 if v.sign is None else v.sign
-            out.append(
-                {
-                    "effect": use.type,
-                    "joint": joint,
-                    "label": v.label,
-                    **_binned(v.x, fit.partial * sign, fit.effort * sign, v.edges),
-                    "points": {
-                        "t": _short(t, pick),
-                        "x": _short(v.x, pick),
-                        "y": _short(fit.partial * sign, pick),
-                    },
-                }
-            )
-    return out
-
-
-def _binned(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | None]]:
-    """Means over the bins that hold enough."""
-    k = np.digitize(x, edges)
-    count = np.bincount(k, minlength=edges.size + 1)[1:-1]
-    good = count > 5
-    mean = [
-        np.bincount(k, y, minlength=edges.size + 1)[1:-1][good] / count[good]
-        for y in (x, data, law)
-    ]
-    return {
-        name: [rounded(float(v), 4) for v in y]
-        for name, y in zip(("x", "data", "law"), mean, strict=True)
-    }
-
-
-def _picked(n: int) -> Any:
-    """Samples of n that are drawn as points."""
-    return np.arange(0, n, max(1, -(-n // POINTS)))
-
-
-def _short(values: Any, pick: Any) -> list[float | None]:
-    return [rounded(float(v), 4) for v in values[pick]]
-
-
-def _series(result: FitResult, floor: FloatArray) -> dict[str, Any]:
-    """Residual and motion of every joint on the fitted runs, thinned for drawing."""
-    p = result.problem
-    pick = _picked(p.n)
-    return {
-        "t": _short(p.t, pick),
-        "run": p.run[pick].tolist(),
-        "joints": [
-            {
-                "trace": _trace(p.t, p.run, result.residual[j]),
-                "residual": _short(result.residual[j], pick),
-                "effort": _short(p.effort[j], pick),
-                "position": _short(p.q[j], pick),
-                "speed": _short(p.qd[j], pick),
-                "floor": rounded(float(floor[j])),
-            }
-            for j in range(p.d)
-        ],
-    }
-
-
-def _trace(t: Any, run: Any, y: Any) -> dict[str, list[Any]]:
-    """A curve over time by the extremes of each stretch, so that no peak is lost."""
-    wide = max(1, -(-y.size // PAIRS))
-    whole = np.append(y, np.full(-y.size % wide, y[-1])).reshape(-1, wide)
-    begin = np.arange(whole.shape[0]) * wide
-    ends = [begin + whole.argmin(axis=1), begin + whole.argmax(axis=1)]
-    pick = np.unique(np.minimum(np.concatenate(ends), y.size - 1))
-    return {
-        "t": [rounded(float(v), 6) for v in t[pick]],
-        "y": [rounded(float(v), 4) for v in y[pick]],
-        "run": np.asarray(run)[pick].tolist(),
     }
 
 

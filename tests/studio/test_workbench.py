@@ -12,8 +12,9 @@ import pytest
 from hil.errors import ConfigError, DataError
 from hil.models.files import read_model
 from hil.models.model import base_model
+from hil.report.effects import PAIRS, POINTS
 from hil.studio import worker as worker_module
-from hil.studio.workbench import PAIRS, POINTS, VERBS, Inputs, Workbench
+from hil.studio.workbench import VERBS, Inputs, Workbench
 from hil.studio.worker import BenchState, StudioSession, Worker, _kept, checked
 
 
@@ -94,6 +95,19 @@ def test_the_ladder_falls_before_the_candidates_are_ranked(begun):
     shown = looks[1]["series"]["joints"][0]
     assert shown["residual"] == state["series"]["joints"][0]["residual"]
     assert shown["floor"] == first["series"]["joints"][0]["floor"]
+
+
+def test_all_models_of_the_ladder_are_divided_by_the_lowest_floor_of_them(begun):
+    bench, first = begun
+    bench.go("0")
+    added = bench.add("stribeck", first["joints"][0])
+    floors = [r.found.noise[0] for r in bench.stack]
+    assert floors[0] != floors[1]
+    for state in (added, bench.undo()):
+        for rung, shown in zip(bench.stack, state["ladder"], strict=True):
+            error = rung.found.heldout.rms[0]
+            assert shown["joints"][0]["ratio"] == pytest.approx(error / min(floors), rel=1e-3)
+            assert shown["joints"][0]["ratio"] >= 1.0
 
 
 def test_columns_of_the_comparison_before_change_no_number(begun):
