@@ -26,8 +26,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--without",
         action="append",
         default=[],
-        metavar="EFFECT",
-        help="leave an effect of the model out, on all of its joints (repeatable)",
+        metavar="EFFECT[:JOINT]",
+        help="leave an effect of the model out, on all of its joints or on one, e.g. "
+        "stribeck:joint2 (repeatable)",
     )
     parser.add_argument(
         "--simulate",
@@ -66,8 +67,9 @@ def run(args: argparse.Namespace) -> int:
     if args.window < 0:
         raise ConfigError(f"--window {args.window:g}: expected seconds above zero")
     runs, held, model = common.load(args)
-    for effect in args.without:
-        model = model - effect
+    for given in args.without:
+        effect, _, joint = given.partition(":")
+        model = model.without(effect, joint or "*", runs[0].joints)
     result, found = verbs.fit(runs, model), None
     if args.simulate:
         Examiner(result.problem, held)  # refuses sessions that cannot be held out

@@ -78,6 +78,19 @@ class Use:
             )
         object.__setattr__(self, "joints", listed_names(self.joints, "joints"))
 
+    def on(self, every: tuple[str, ...]) -> tuple[str, ...]:
+        """Its joints by name, among all of a robot."""
+        return every if self.joints == ALL else self.joints
+
+    def off(self, gone: tuple[str, ...], every: tuple[str, ...]) -> Use | None:
+        """The same on its other joints: None where none is left, itself where it had none of these."""
+        rest = tuple(j for j in self.on(every) if j not in gone)
+        if len(rest) == len(self.on(every)):
+            return self
+        theirs = tuple(f"j{k + 1}." for k, j in enumerate(every) if j in gone)
+        values = {n: v for n, v in self.values.items() if not n.startswith(theirs)}
+        return replace(self, joints=rest, values=values) if rest else None
+
 
 @dataclass(frozen=True)
 class Band:
@@ -268,23 +281,62 @@ class RobotModel(Shown):
                 )
         return replace(self, effects=(*self.effects, use))
 
-    def __sub__(self, name: str) -> RobotModel:
-        """Model without an effect (on every joint).
+    def __sub__(self, other: Use | str) -> RobotModel:
+        """Model without an effect: of its name on every joint, of a use on the joints it names.
 
         Raises
         ------
         ConfigError
-            If the model has no such effect.
+            As `without`.
         """
-        if not isinstance(name, str):
+        if not isinstance(other, str | Use):
             raise ConfigError(
-                f"a model without an effect takes its name, not {type(name).__name__}; "
-                "give e.g. model - 'stribeck'"
+                f"a model without an effect takes its name, not {type(other).__name__}; give e.g. "
+                "model - 'stribeck', or model - hil.Use('stribeck', ['joint1'])"
             )
-        rest = tuple(u for u in self.effects if u.type != name)
-        if len(rest) == len(self.effects):
-            raise ConfigError(unknown("effect of this model", name, self.names()))
-        return replace(self, effects=rest)
+        use = Use(other) if isinstance(other, str) else other
+        return self.without(use.type, use.joints)
+
+    def without(
+        self, effect: str, joints: str | tuple[str, ...] = ALL, every: tuple[str, ...] = ()
+    ) -> RobotModel:
+        """Model without an effect on some joints; on the others it stays.
+
+        Parameters
+        ----------
+        effect : str
+            Its name.
+        joints : str or tuple of str
+            Joints that lose it; ``("*",)`` means all.
+        every : tuple of str
+            Joints of the robot, which an effect on all of them has; those of a fitted model are
+            known.
+
+        Raises
+        ------
+        ConfigError
+            If the model has no such effect, or not on one of the joints.
+        """
+        gone = listed_names(joints, "joints")
+        mine = [u for u in self.effects if u.type == effect]
+        if not mine:
+            raise ConfigError(unknown("effect of this model", effect, self.names()))
+        if gone == ALL:
+            return replace(self, effects=tuple(u for u in self.effects if u.type != effect))
+        if catalogue.get(effect).scope.of_robot:
+            raise ConfigError(f"{effect!r} is of the whole robot; take it away without a joint")
+        every = every or tuple(r.joint for r in self.valid)
+        if not every and any(u.joints == ALL for u in mine):
+            raise ConfigError(
+                f"the model has {effect!r} on all joints, and their names are not known before it "
+                f"is fitted; give model.without({effect!r}, {list(gone)}, every=run.joints)"
+            )
+        there = tuple(dict.fromkeys(j for u in mine for j in u.on(every)))
+        for joint in gone:
+            if joint not in there:
+                raise ConfigError(unknown(f"joint of {effect!r}", joint, there))
+        kept = [u if u.type != effect else u.off(gone, every) for u in self.effects]
+        return replace(self, effects=tuple(u for u in kept if u is not None))
 
     def names(self) -> tuple[str, ...]:
         """Names of its effects, in order, without repetition."""

@@ -5,6 +5,7 @@ No analysis is made here: every number comes from the public verbs, and the word
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -176,11 +177,12 @@ class Workbench:
         step = WorkStep("add", (effect,), chosen, model.plugins)
         return self._push(StudioRung(f"+ {effect}{where}", model, (*self.now.steps, step)))
 
-    def remove(self, effect: str) -> dict[str, Any]:
-        """Take an effect out of the current model and refit it."""
-        model = self.now.model - effect
-        step = WorkStep("fit", (), ("--without", effect), model.plugins)
-        return self._push(StudioRung(f"- {effect}", model, (*self.now.steps, step)))
+    def remove(self, effect: str, joint: str = "") -> dict[str, Any]:
+        """Take an effect off a joint of the current model, or out of it, and refit it."""
+        model = self.now.model.without(effect, joint or "*", self.inputs.runs[0].joints)
+        where, named = (f" on {joint}", f"{effect}:{joint}") if joint else ("", effect)
+        step = WorkStep("fit", (), ("--without", named), model.plugins)
+        return self._push(StudioRung(f"- {effect}{where}", model, (*self.now.steps, step)))
 
     def undo(self) -> dict[str, Any]:
         """Back to the model before."""
@@ -368,7 +370,7 @@ class Workbench:
             | {
                 "series": curves,
                 "learnt": effects.learnt_json(result),
-                "model": _model(result.model),
+                "model": _model(result),
             }
         )
 
@@ -413,7 +415,7 @@ class Workbench:
             "warnings": [f.sentence for f in c.faults],
             "where": {j: [region_json(r) for r in found] for j, found in c.where.items()},
             "candidates": self._candidates(c),
-            "model": _model(c.result.model),
+            "model": _model(c.result),
             "learnt": effects.learnt_json(c.result),
             "series": effects.series_json(c.result, c.evidence.floor.rms),
             "beside": self._beside(c),
@@ -483,17 +485,21 @@ def _errors(held: HeldOut, noise: FloatArray) -> list[dict[str, float | None]]:
     ]
 
 
-def _model(model: RobotModel) -> list[dict[str, Any]]:
-    """Effects of a model with their values and 95 % intervals."""
-    return [
-        {
-            "effect": use.type,
-            "joints": list(use.joints),
-            "meaning": sentences.meaning(use.type),
-            "values": [_value(name, v) for name, v in use.values.items()],
-        }
-        for use in model.effects
-    ]
+def _model(result: FitResult) -> list[dict[str, Any]]:
+    """Effects of a model, joint by joint, with their values and 95 % intervals."""
+    joints = result.problem.joints
+    rows = []
+    for use in result.model.effects:
+        of: dict[str, list[dict[str, Any]]] = {}
+        for name, v in use.values.items():
+            found = _JOINT.match(name)
+            of.setdefault(joints[int(found[1]) - 1] if found else "", []).append(_value(name, v))
+        rows += [{"effect": use.type, "joint": j, "values": values} for j, values in of.items()]
+    return rows
+
+
+#: Number of the joint that a parameter is of, from 1.
+_JOINT = re.compile(r"j(\d+)\.")
 
 
 def _value(name: str, v: Value) -> dict[str, Any]:
@@ -517,7 +523,7 @@ def _exports() -> list[dict[str, str]]:
 VERBS: dict[str, Sequence[str]] = {
     "start": (),
     "add": ("effect", "joint"),
-    "remove": ("effect",),
+    "remove": ("effect", "joint"),
     "undo": (),
     "redo": (),
     "go": ("at",),

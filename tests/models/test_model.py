@@ -63,6 +63,28 @@ def test_plus_takes_an_effect_on_some_joints() -> None:
     assert (model - "stribeck") == BASE
 
 
+def test_minus_takes_an_effect_off_some_joints_and_leaves_it_on_the_others() -> None:
+    every = ("joint1", "joint2", "joint3")
+    model = BASE + Use("stribeck", ("joint1", "joint2")) + Use("stribeck", ("joint3",))
+    less = model - Use("stribeck", "joint1")
+    assert [u.joints for u in less.effects if u.type == "stribeck"] == [("joint2",), ("joint3",)]
+    assert less - Use("stribeck", ("joint2", "joint3")) == BASE
+    # an effect on all joints stays on the others, with the values that are theirs
+    known = {f"j{k}.spring.k": Value(float(k)) for k in (1, 2, 3)}
+    whole = BASE + Use("spring", values=known)
+    (left,) = [u for u in whole.without("spring", "joint2", every).effects if u.type == "spring"]
+    assert left.joints == ("joint1", "joint3") and set(left.values) == {
+        "j1.spring.k",
+        "j3.spring.k",
+    }
+    with pytest.raises(ConfigError, match=r"model\.without\('spring', \['joint2'\], every="):
+        whole - Use("spring", "joint2")
+    with pytest.raises(ConfigError, match="unknown joint of 'stribeck' 'joint4'"):
+        model.without("stribeck", "joint4", every)
+    with pytest.raises(ConfigError, match="'rigid-body' is of the whole robot"):
+        model.without("rigid-body", "joint1", every)
+
+
 @pytest.mark.parametrize(
     ("first", "second"), [(("*",), ("*",)), (("*",), ("a",)), (("a", "b"), ("b", "c"))]
 )

@@ -202,13 +202,13 @@ def test_the_commands_that_are_shown_make_the_same_models(begun, capsys):
     states = [
         session.ask("add", {"effect": "eyelet-drag", "joint": joint}),
         session.ask("add", {"effect": "stribeck", "joint": joint}),
-        session.ask("remove", {"effect": "eyelet-drag"}),
+        session.ask("remove", {"effect": "eyelet-drag", "joint": joint}),
     ]
     judged, plugin = "--holdout b.mcap", folder / "my_effects.py"
     steps = [
         f"hil add eyelet-drag a.mcap --plugin {plugin} {judged} --joint {joint} -o better.toml",
         f"hil add stribeck a.mcap --model better.toml {judged} --joint {joint} -o better2.toml",
-        "hil fit a.mcap --model better2.toml --without eyelet-drag -o better3.toml",
+        f"hil fit a.mcap --model better2.toml --without eyelet-drag:{joint} -o better3.toml",
     ]
     for k, (state, name) in enumerate(zip(states, ("", "2", "3"), strict=True)):
         shown = f"hil compare a.mcap --model better{name}.toml {judged}"

@@ -3,15 +3,18 @@
 import json
 import pickle
 import re
+import shlex
 import threading
 import time
 
 import plants
 import pytest
 
+from hil.cli import main
 from hil.errors import ConfigError, DataError
 from hil.models.files import read_model
 from hil.models.model import base_model
+from hil.record.export import write_recordings
 from hil.report.effects import PAIRS, POINTS
 from hil.studio import worker as worker_module
 from hil.studio.workbench import VERBS, Inputs, Workbench
@@ -121,6 +124,33 @@ def test_columns_of_the_comparison_before_change_no_number(begun):
     assert made.result.problem is not bench.before.result.problem
     for part in ("ladder", "candidates", "model", "series", "where", "warnings", "learnt"):
         assert with_them[part] == alone[part], part
+
+
+def test_an_effect_is_removed_from_the_joint_of_its_row_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = plants.slow_axes(1, 0.1, d=2)
+    write_recordings(tmp_path / "a.mcap", [run])
+    bench = Workbench(Inputs((run,), (), base_model(run.robot), ("a.mcap",)))
+    bench.add("stribeck", "joint1")
+    bench.add("stribeck", "joint2")
+    both = bench.state()
+    rows = [r["joint"] for r in both["model"] if r["effect"] == "stribeck"]
+    assert rows == ["joint1", "joint2"]
+    left = bench.remove("stribeck", "joint1")
+    assert [r["joint"] for r in left["model"] if r["effect"] == "stribeck"] == ["joint2"]
+    assert left["ladder"][-1]["label"] == "- stribeck on joint1"
+    here = [x["relative"] for x in left["ladder"][-1]["joints"]]
+    assert here[1] == pytest.approx(both["ladder"][-1]["joints"][1]["relative"], rel=0.02)
+    # one of an effect that all joints have, by the command that the page shows
+    state = bench.remove("viscous", "joint2")
+    assert {r["joint"] for r in state["model"] if r["effect"] == "viscous"} == {"joint1"}
+    for line in state["commands"]:
+        capsys.readouterr()
+        assert main([*shlex.split(line)[1:], "--json"]) == 0
+    assert "--without viscous:joint2" in "\n".join(state["commands"])
+    told = [j["relative"] for j in json.loads(capsys.readouterr().out)["joints"]]
+    shown = [x["relative"] for x in state["ladder"][-1]["joints"]]
+    assert told == pytest.approx(shown, rel=2e-3)
 
 
 def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_path):

@@ -177,12 +177,10 @@ function model() {
     use.values.forEach((v, k) => {
       const row = el("tr"), last = el("td", v.note);
       if (k === 0 && state.model.length > 1) {
-        const several = state.model.filter((u) => u.effect === use.effect).length > 1;
-        const b = el("button", several ? "Remove from every joint" : "Remove"); b.type = "button"; b.setAttribute("aria-label", `Remove ${use.effect}`);
-        b.onclick = () => ask("remove", { effect: use.effect }); last.append(" ", b);
+        const b = el("button", "Remove"); b.type = "button"; b.setAttribute("aria-label", `Remove ${use.effect} from ${use.joint || "the robot"}`);
+        b.onclick = () => ask("remove", { effect: use.effect, joint: use.joint }); last.append(" ", b);
       }
-      const where = use.joints.includes("*") ? "" : ` on ${use.joints.join(", ")}`;
-      row.append(el("td", k === 0 ? use.effect + where : ""), el("td", v.name), el("td", v.value === null ? "-" : String(v.value), "n"),
+      row.append(el("td", k === 0 ? use.effect : ""), el("td", k === 0 ? use.joint || "robot" : ""), el("td", v.name), el("td", v.value === null ? "-" : String(v.value), "n"),
         el("td", v.half === null ? "-" : String(v.half), "n"), el("td", v.unit), last);
       body.append(row);
     });
