@@ -12,14 +12,13 @@ import difflib
 import importlib
 import os
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import hil
 from hil import terminal
-from hil.errors import HilError, unknown
+from hil.errors import HilError, in_short, own_place, unknown, user_files, with_place
 from hil.interrupt import CODE, Ended, interrupts
 
 
@@ -103,10 +102,6 @@ def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
         parser.error(f"unexpected {extra[0]!r}; {where}")
 
 
-#: Modules of the program itself; effects from anywhere else are the user's.
-_OWN = "hil."
-
-
 def explain(
     error: Exception, command: str, suspect: Callable[[BaseException], str] = lambda error: ""
 ) -> tuple[str, int]:
@@ -122,11 +117,9 @@ def explain(
         Sentence about a file that takes the place of a module of Python; empty if none does.
     """
     if isinstance(error, HilError):
-        place = _place(error.__cause__)
-        return f"{error}{f' ({place})' if place else ''}", error.exit_code
-    place = _place(error)
-    if place:
-        return f"an effect of your own failed in {place}: {_what(error)}; mend it there", 2
+        return with_place(error), error.exit_code
+    if place := own_place(error):
+        return f"an effect of your own failed in {place}: {in_short(error)}; mend it there", 2
     registry = sys.modules.get("hil.registry")
     if registry is not None and (blamed := registry.culprit(error)):
         return blamed, 2
@@ -136,25 +129,9 @@ def explain(
     if hidden := suspect(error):
         return hidden, 2
     return (
-        f"internal error: {_what(error)}; run 'hil --debug {command} ...' for the traceback, "
+        f"internal error: {in_short(error)}; run 'hil --debug {command} ...' for the traceback, "
         f"and please report it{_suspects()}"
     ), 1
-
-
-def _what(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-def _place(error: BaseException | None) -> str:
-    """File and line of the user's code that an error passed through last; empty if none did."""
-    if error is None:
-        return ""
-    files = user_files()
-    if isinstance(error, SyntaxError) and error.filename in files:
-        return f"{error.filename}, line {error.lineno}"
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in files]
-    return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else ""
 
 
 def _suspects() -> str:
@@ -165,24 +142,6 @@ def _suspects() -> str:
         f"; effects of your own are loaded ({', '.join(files)}): "
         "hil.testing.check_effect tells whether they keep to the rules"
     )
-
-
-def user_files() -> set[str]:
-    """Files of effects that do not come with the program."""
-    names = {name for name in sys.modules if name.startswith("hil_plugin_")}
-    if "hil.models.effect" in sys.modules:
-        kinds = _below(sys.modules["hil.models.effect"].Effect)
-        made = {k.__module__ for k in kinds if not k.__module__.startswith(_OWN)}
-        # a class that the program makes while it runs is said to be of the library that makes it
-        names |= {name for name in made if name.split(".")[0] not in sys.stdlib_module_names}
-    found = (getattr(sys.modules.get(name), "__file__", None) for name in names)
-    return {file for file in found if file}
-
-
-def _below(kind: type) -> set[type]:
-    """All classes that a class is a base of."""
-    direct: set[type] = set(kind.__subclasses__())
-    return direct.union(*(_below(k) for k in direct))
 
 
 class Command(NamedTuple):

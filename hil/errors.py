@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import difflib
 import functools
+import os
 import re
+import sys
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -184,3 +186,84 @@ def public(function: Callable[..., Any]) -> Callable[..., Any]:
     # where it is found by its name, for one that is sent to another process
     checked.__module__, checked.__qualname__ = "hil", function.__name__
     return checked
+
+
+# ------------------------------------------------------------ errors of a user's own effects
+
+
+def in_short(error: BaseException) -> str:
+    """Kind and message of any error in one line.
+
+    Parameters
+    ----------
+    error : BaseException
+        The error.
+    """
+    said = error.msg if isinstance(error, SyntaxError) else str(error)
+    text = " ".join(said.split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def with_place(error: HilError) -> str:
+    """The message of an error, and the line of the user's own effects that it comes from, if any.
+
+    Parameters
+    ----------
+    error : HilError
+        The error.
+    """
+    place = own_place(error.__cause__)
+    return f"{error} ({place})" if place else str(error)
+
+
+def own_place(error: BaseException | None) -> str:
+    """File and line of a user's own effects that an error passed through last; empty if none did.
+
+    Parameters
+    ----------
+    error : BaseException or None
+        The error.
+    """
+    import traceback  # `import hil` costs nothing
+
+    if error is None:
+        return ""
+    files = user_files()
+    if isinstance(error, SyntaxError) and error.filename in files:
+        return f"{near_name(error.filename)}, line {error.lineno}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in files]
+    return f"{near_name(frames[-1].filename)}, line {frames[-1].lineno}" if frames else ""
+
+
+def near_name(file: str) -> str:
+    """Name of a file as it is given in the current folder; its whole path where it is elsewhere.
+
+    Parameters
+    ----------
+    file : str
+        Its path.
+    """
+    here = os.path.join(os.getcwd(), "")
+    return file.removeprefix(here)
+
+
+#: Modules of the program itself; effects from anywhere else are the user's.
+_OWN = "hil."
+
+
+def user_files() -> set[str]:
+    """Files of effects that do not come with the program."""
+    names = {name for name in sys.modules if name.startswith("hil_plugin_")}
+    if "hil.models.effect" in sys.modules:
+        kinds = _below(sys.modules["hil.models.effect"].Effect)
+        made = {k.__module__ for k in kinds if not k.__module__.startswith(_OWN)}
+        # a class that the program makes while it runs is said to be of the library that makes it
+        names |= {name for name in made if name.split(".")[0] not in sys.stdlib_module_names}
+    found = (getattr(sys.modules.get(name), "__file__", None) for name in names)
+    return {file for file in found if file}
+
+
+def _below(kind: type) -> set[type]:
+    """All classes that a class is a base of."""
+    direct: set[type] = set(kind.__subclasses__())
+    return direct.union(*(_below(k) for k in direct))

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from hil import consent
-from hil.errors import ConfigError, unknown
+from hil.errors import ConfigError, in_short, near_name, unknown
 from hil.models.effect import FIXED, NEVER, Effect
 from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
 from hil.userfile import LARGEST_TEXT, read_bytes
@@ -60,8 +60,8 @@ def _add(module: ModuleType, origin: str) -> None:
         known = _table.get(effect.name)
         if known is not None and type(known).__module__ != type(effect).__module__:
             raise ConfigError(
-                f"effect {effect.name!r} of {origin} is already defined in "
-                f"{type(known).__module__}; give it another name"
+                f"effect {effect.name!r} of {origin} is already defined in {_home(known)}; "
+                "give it another name"
             )
         _table[effect.name] = effect
 
@@ -105,19 +105,42 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
     ConfigError
         If the file is missing, does not run, holds no effects, or was not agreed to.
     """
-    table()
-    spec = importlib.util.spec_from_file_location(f"hil_plugin_{path.stem}", path)
-    if not path.is_file() or spec is None:
+    if not path.is_file():
         raise ConfigError(f"plugin {path}: no such Python file")
     try:
         source = read_bytes(path, LARGEST_TEXT)
     except OSError as error:
         raise ConfigError(f"plugin {path} cannot be read: {error}") from error
+    load_text(path, source, said_in)
+
+
+def load_text(path: Path, source: bytes, said_in: Path | None = None) -> None:
+    """Load the effects of a text as if it stood in a file, which need not hold it yet.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    source : bytes
+        The text.
+    said_in : Path, optional
+        As of `load_plugin`.
+
+    Raises
+    ------
+    ConfigError
+        As `load_plugin`.
+    """
+    table()
+    spec = importlib.util.spec_from_file_location(_MODULE + path.stem, path)
+    if spec is None:
+        raise ConfigError(f"plugin {path}: no such Python file")
     beside = consent.beside(path, source)
     if said_in is not None:
         consent.require(consent.plugin(path, source, beside), str(said_in))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up by name
+    called = near_name(str(path))
     try:
         code = compile(source, spec.origin or str(path), "exec", dont_inherit=True)
         with consent.loading(path, beside):
@@ -125,11 +148,23 @@ def load_plugin(path: Path, said_in: Path | None = None) -> None:
     except ConfigError:
         raise
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"plugin {path} does not run: {error!r}") from error
+        raise ConfigError(f"plugin {called} does not run: {in_short(error)}") from error
     effects = getattr(module, "EFFECTS", ())
     if not isinstance(effects, tuple | list) or not effects:
-        raise ConfigError(f"plugin {path} has no EFFECTS = (MyEffect(),) at its end")
-    _add(module, str(path))
+        raise ConfigError(f"plugin {called} has no EFFECTS = (MyEffect(),) at its end")
+    _add(module, called)
+
+
+#: How the module of a user's file begins, before the stem of the file.
+_MODULE = "hil_plugin_"
+
+
+def _home(effect: Effect) -> str:
+    """Where an effect is defined, in words: a user's file, or what it came with."""
+    module = type(effect).__module__
+    if module.startswith(_MODULE):
+        return near_name(str(getattr(sys.modules[module], "__file__", module)))
+    return f"{module}, which comes with hil" if module.startswith("hil.") else module
 
 
 def load_files(paths: Iterable[str]) -> None:

@@ -83,7 +83,7 @@ class Use:
         return every if self.joints == ALL else self.joints
 
     def off(self, gone: tuple[str, ...], every: tuple[str, ...]) -> Use | None:
-        """The same on its other joints: None where none is left, itself where it had none of these."""
+        """The same on its other joints: None if none is left, itself if it had none of these."""
         rest = tuple(j for j in self.on(every) if j not in gone)
         if len(rest) == len(self.on(every)):
             return self

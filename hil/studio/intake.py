@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -343,11 +342,8 @@ def learn(
     if path.exists() and not ours and path.read_bytes() != source:
         raise ConfigError(f"cannot write {path}: a file is there; choose another name")
     consent.give(consent.plugin(path, source))
-    # tried elsewhere first: one that never ends must not be loaded again by the next process
-    with tempfile.TemporaryDirectory() as folder:
-        trial = Path(folder) / path.name
-        trial.write_bytes(source)
-        names = _load(trial, needed)
+    # tried before it is written: one that never ends must not be loaded again by the next process
+    names = _load(path, source, needed)
     try:
         path.write_bytes(source)
     except OSError as error:
@@ -355,15 +351,15 @@ def learn(
     return names
 
 
-def _load(path: Path, needed: Collection[str]) -> list[str]:
-    """Names of the effects of a file, checked; the catalogue is as before where one fails."""
+def _load(path: Path, source: bytes, needed: Collection[str]) -> list[str]:
+    """Names of the effects of a text, checked; the catalogue is as before where one fails."""
     table = catalogue.table()
     before = dict(table)
     module = f"hil_plugin_{path.stem}"
     try:
         for name in [n for n, e in table.items() if type(e).__module__ == module]:
             del table[name]  # an effect that was renamed in the editor
-        catalogue.load_plugin(path, said_in=path)
+        catalogue.load_text(path, source, said_in=path)
         names = [n for n, e in table.items() if type(e).__module__ == module]
         for name in names:
             check_effect(table[name])

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import progress
-from hil.errors import ConfigError, HilError
+from hil.errors import ConfigError, HilError, in_short, own_place, with_place
 from hil.interrupt import held_back, with_its_parent
 from hil.models.model import base_model
 from hil.record.recording import Recording
@@ -287,6 +287,11 @@ def said(verb: str, error: Exception) -> str:
     error : Exception
         What ended it.
     """
+    if place := own_place(error):
+        return (
+            f"an effect of your own failed in {place}: {in_short(error)}; mend it in the editor. "
+            "The models stay as they were"
+        )
     if isinstance(error, OSError):
         where = f" {error.filename}" if error.filename else ""
         return f"{verb} did not reach{where}: {error.strerror or error}; choose another place"
@@ -294,7 +299,7 @@ def said(verb: str, error: Exception) -> str:
         return f"{verb} met a file that is not text in UTF-8; choose another one"
     traceback.print_exception(error)
     return (
-        f"{verb} failed: {type(error).__name__}: {error}. The models stay as they were; the "
+        f"{verb} failed: {in_short(error)}. The models stay as they were; the "
         "terminal of the studio shows where"
     )
 
@@ -319,13 +324,27 @@ def _serve(pipe: Connection, kept: BenchState) -> None:
                 verb, given = pipe.recv()
             except EOFError:
                 return
-            try:
-                data, error = session.ask(verb, given), ""
-            except HilError as failed:
-                data, error = None, str(failed)
-            except Exception as failed:  # what was shown outlives any error
-                data, error = None, said(verb, failed)
-            pipe.send((data, error, _kept(session)))
+            pipe.send((*answer(session, verb, given), _kept(session)))
+
+
+def answer(
+    session: StudioSession, verb: str, given: dict[str, str]
+) -> tuple[dict[str, Any] | None, str]:
+    """What a request gives, or a sentence on why it gives nothing.
+
+    Parameters
+    ----------
+    session : StudioSession
+        Whom it is asked.
+    verb, given
+        The request, as `checked` let it through.
+    """
+    try:
+        return session.ask(verb, given), ""
+    except HilError as failed:
+        return None, with_place(failed)
+    except Exception as failed:  # what was shown outlives any error
+        return None, said(verb, failed)
 
 
 def _kept(session: StudioSession) -> BenchState:

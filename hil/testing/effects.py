@@ -12,7 +12,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from hil.errors import HilError, unknown
+from hil.errors import HilError, in_short, plural, unknown
 from hil.models import catalogue
 from hil.models.catalogue import misdeclared
 from hil.models.effect import Effect, Fitted, Param, refused, terms_of
@@ -40,8 +40,11 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
         robot: Robot = _Geared(names) if d == 3 else IndependentAxes(names)
         for seed, external in ((d, False), (10 + d, True)):
             what = "with" if external else "without"
-            yield f"{d} joints moving, {what} external effort", _moving(robot, n, seed, external)
-        yield f"{d} joints at standstill", _still(robot, n)
+            yield (
+                f"{plural(d, 'joint')} moving, {what} external effort",
+                _moving(robot, n, seed, external),
+            )
+        yield f"{plural(d, 'joint')} at standstill", _still(robot, n)
     yield (
         "1 joint over several turns",
         _moving(IndependentAxes(("joint1",)), n, 21, False, turns=3.0),
@@ -293,7 +296,7 @@ def _on_joint(effect: Effect, motion: Motion, j: int, where: str) -> bool:
     except ConformanceError:
         raise
     except Exception as error:
-        raise ConformanceError(f"{head} fails with {error!r}") from error
+        raise ConformanceError(f"{head} fails with {in_short(error)}") from error
     for name, value in before.items():
         if not np.array_equal(value, getattr(motion, name), equal_nan=True):
             raise ConformanceError(f"{head} modifies its input motion.{name}; work on a copy")

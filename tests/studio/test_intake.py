@@ -17,7 +17,7 @@ from hil.record import mcap_read
 from hil.record.export import write_recordings
 from hil.record.mapfile import read_map
 from hil.record.tables import import_table
-from hil.studio import intake
+from hil.studio import intake, worker
 from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import StudioSession
@@ -240,6 +240,55 @@ def test_a_wrong_effect_leaves_the_catalogue_as_it_was(begun, text, said):
     with pytest.raises(HilError, match=said):
         session.ask("learn", {"path": "my_effects.py", "text": text, "agreed": "yes"})
     assert catalogue.table() == before
+
+
+def wrong(line):
+    """The template with a wrong line in its columns."""
+    return TEMPLATE.replace("        wound = ", f"        {line}\n        wound = ")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "x = 1\ndef x(:\n",
+            "plugin my_effects.py does not run: SyntaxError: invalid syntax "
+            "(my_effects.py, line 2)",
+        ),
+        (
+            "\n\n1 / 0",
+            "plugin my_effects.py does not run: ZeroDivisionError: division by zero "
+            "(my_effects.py, line 3)",
+        ),
+        (
+            wrong("motion.nothing"),
+            "effect 'eyelet-drag' (1 joint moving, without external effort, joint 1) fails with "
+            "AttributeError: 'Motion' object has no attribute 'nothing' (my_effects.py, line 20)",
+        ),
+        (
+            wrong("motion.q[10**9] if len(motion.q) != 2000 else 0"),
+            "an effect of your own failed in my_effects.py, line 20: IndexError: index 1000000000 "
+            "is out of bounds for axis 0 with size",
+        ),
+    ],
+)
+def test_an_error_of_an_own_effect_names_its_file_and_line(begun, text, said):
+    session, _ = begun
+    given = {"path": "my_effects.py", "text": text, "agreed": "yes"}
+    answer = worker.answer(session, "learn", given)
+    assert answer[0] is None and said in answer[1]
+    for word in ("/tmp", "hil_plugin", "(<", "Error("):
+        assert word not in answer[1]
+
+
+def test_an_own_effect_that_another_file_defines_is_said_with_that_file(begun):
+    session, _ = begun
+    given = {"text": TEMPLATE, "agreed": "yes"}
+    session.ask("learn", given | {"path": "first.py"})
+    _, said = worker.answer(session, "learn", given | {"path": "second.py"})
+    assert said == (
+        "effect 'eyelet-drag' of second.py is already defined in first.py; give it another name"
+    )
 
 
 def test_a_file_of_the_users_is_not_written_over_by_the_editor(begun):

@@ -12,6 +12,7 @@ import pytest
 
 from hil.cli import main
 from hil.errors import ConfigError, DataError
+from hil.models import catalogue
 from hil.models.files import read_model
 from hil.models.model import base_model
 from hil.record.export import write_recordings
@@ -233,7 +234,10 @@ EFFECTS = (Drag(),)
 """
 
 
-def test_an_own_effect_is_saved_with_its_file_whatever_model_it_was_learnt_beside(tmp_path):
+def test_an_own_effect_is_saved_with_its_file_whatever_model_it_was_learnt_beside(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(catalogue, "_table", dict(catalogue.table()))
     session = StudioSession(inputs())
     session.ask("start", {})
     session.ask("add", {"effect": "spring", "joint": "joint1"})
