@@ -8,7 +8,7 @@ one, all that is left is fitted anew, so that it carries what it can of the lost
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -626,15 +626,22 @@ def _of_sensors(model: RobotModel) -> list[str]:
 
 def head(job: Job, found: Within, lost: tuple[str, ...]) -> tuple[str, ...]:
     """Lines at the head of a file: source, held-out errors, what is lost."""
-    joints = found.content.robot.joints
-    errors = [
-        f"held-out error, {step.label}: "
-        + ", ".join(f"{j} {x:.2f} %" for j, x in zip(joints, step.heldout.relative, strict=True))
-        for step in found.steps
-    ]
-    said = errors or ["translated without a recording: not refitted, error unknown"]
+    said = errors_of(found.steps) or ["translated without a recording: not refitted, error unknown"]
     lines = (f"written by hil export from {job.source.name}", *said, *(f"lost: {x}" for x in lost))
     return tuple(" ".join(printable(x).split()) for x in lines)
+
+
+def errors_of(steps: Sequence[Step]) -> list[str]:
+    """A sentence for each step: held-out error of the whole model, and of what is left of it.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        As of `Made`; none of a model that was only translated.
+    """
+    rows = [zip(s.result.problem.joints, s.heldout.relative, strict=True) for s in steps]
+    said = [", ".join(f"{j} {x:.2f} %" for j, x in row) for row in rows]
+    return [f"held-out error, {s.label}: {x}" for s, x in zip(steps, said, strict=True)]
 
 
 def names() -> list[str]:

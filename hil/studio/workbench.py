@@ -271,7 +271,7 @@ class Workbench:
         for file, text in files.items():
             file.write_text(text, encoding="utf-8")
         self.now.file = str(source.resolve())
-        notes = [*(f"lost: {x}" for x in made.lost), *made.notes]
+        notes = [*target.errors_of(made.steps), *(f"lost: {x}" for x in made.lost), *made.notes]
         return {"saved": ", ".join(str(f.resolve()) for f in (*files, *fresh)), "notes": notes}
 
     def _file_of_model(self, place: Path) -> tuple[Path, list[Path]]:

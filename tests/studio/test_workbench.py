@@ -174,6 +174,29 @@ def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_pa
     assert not (tmp_path / "a.toml").exists()
 
 
+def test_an_export_shows_the_error_of_the_whole_model_and_within_the_target(begun, tmp_path):
+    """As the command line does; a description has no law of Stribeck, and the error rises."""
+    bench, first = begun
+    bench.go("0")
+    joint = first["joints"][0]
+    added = bench.add("stribeck", joint)
+    notes = bench.export("ros2", str(tmp_path / "whole.yaml"))["notes"]
+    said = [re.fullmatch(rf"held-out error, (.+): {joint} ([\d.]+) %", x) for x in notes]
+    assert [m[1] for m in said if m] == ["whole model"]
+    bench.add("presliding", joint)
+    notes = bench.export("ros2", str(tmp_path / "left.yaml"))["notes"]
+    errors = {
+        m[1]: float(m[2])
+        for x in notes
+        if (m := re.fullmatch(rf"held-out error, (.+): {joint} ([\d.]+) %", x))
+    }
+    assert list(errors) == ["whole model", "within the target"]
+    shown = added["ladder"][-1]["joints"][0]["relative"]
+    assert errors["within the target"] == pytest.approx(shown, abs=0.01)
+    assert any(x.startswith("lost: presliding") for x in notes)
+    assert notes[:2] == [f"held-out error, {k}: {joint} {v:.2f} %" for k, v in errors.items()]
+
+
 def test_a_described_arm_is_exported_as_a_description_and_a_refused_export_leaves_nothing(tmp_path):
     """The model that is written beside has a description, too: not where the exported one goes."""
     run = plants.spatial(1, 6.0)
