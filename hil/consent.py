@@ -374,7 +374,10 @@ def require(what: Executable, source: str) -> None:
         Says what would run and how to agree.
     """
     if not what.trusted:
-        raise ConfigError(
+        said = (
             f"{what.kind} {what.text} would run with your rights, and you have not agreed to it as "
-            f"it is now; look at it, then 'hil trust {source}' remembers that you do"
+            "it is now"
         )
+        raise ConfigError(
+            f"{said}; look at it, then 'hil trust {source}' remembers that you do"
+        ).about("trust", said)

@@ -12,13 +12,34 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Self
 
 
 class HilError(Exception):
-    """Any failure that the user can do something about."""
+    """Any failure that the user can do something about.
+
+    The message says what is wrong and what to do on the command line or in Python.  A program in
+    which something else is to be done, such as the studio, knows it by the topic.
+    """
 
     exit_code = 2
+    #: What the advice is on; empty where it holds everywhere.
+    topic = ""
+    #: The message without its advice, where there is a topic.
+    what = ""
+
+    def about(self, topic: str, what: str) -> Self:
+        """The same error with its topic, and what is wrong without the advice.
+
+        Parameters
+        ----------
+        topic : str
+            Name, e.g. ``"time"``.
+        what : str
+            One sentence without its full stop.
+        """
+        self.topic, self.what = topic, what
+        return self
 
 
 class ConfigError(HilError, ValueError):

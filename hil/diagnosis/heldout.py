@@ -179,10 +179,9 @@ def _sound(run: Recording) -> None:
     """Refuse a held-out run whose faults would make every error meaningless."""
     errors = [f.sentence for f in check(run) if f.severity == "error"]
     if errors:
-        raise DataError(
-            f"held-out session {run.name!r} has faults, nothing can be judged on it: "
-            f"{'; '.join(errors[:3])}. See 'hil info', then mend or leave it out."
-        )
+        what = f"held-out session {run.name!r} has faults, nothing can be judged on it: "
+        what += "; ".join(errors[:3])
+        raise DataError(f"{what}. See 'hil info', then mend or leave it out.").about("faults", what)
 
 
 def _other_than(fitted: list[Recording], holdout: list[Recording]) -> None:

@@ -110,11 +110,11 @@ def make_problem(
     """
     errors = [f for f in faults_of(recordings) if f.severity == "error"]
     if errors:
+        what = "the recording has faults that make any fit worthless: "
+        what += "; ".join(f.text for f in errors[:3])
         raise DataError(
-            "the recording has faults that make any fit worthless: "
-            + "; ".join(f.text for f in errors[:3])
-            + ". Run 'hil info' on it, mend or cut the recording, then try again."
-        )
+            f"{what}. Run 'hil info' on it, mend or cut the recording, then try again."
+        ).about("faults", what)
     return of_model(recordings, model, before)
 
 

@@ -198,12 +198,15 @@ def _refuse_not_finite(
             first = ", ".join(str(table.first_row + k) for k in bad[:5])
             some = f"rows {first}, ..." if bad.size > 5 else f"rows {first}"
             where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
-            raise DataError(
+            what = (
                 f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
-                f"values of {column.size}, in {where}; cut or repair {these}, or say what to do "
-                'with such rows: missing = "drop" or "interpolate" in [table] of a map, or '
-                f"{table.option('missing', 'drop')} or interpolate"
+                f"values of {column.size}, in {where}"
             )
+            raise DataError(
+                f"{what}; cut or repair {these}, or say what to do with such rows: "
+                'missing = "drop" or "interpolate" in [table] of a map, or '
+                f"{table.option('missing', 'drop')} or interpolate"
+            ).about("missing", what)
 
 
 def _mended(values: Mapping[str, FloatArray], how: str) -> tuple[dict[str, FloatArray], str]:
@@ -269,16 +272,19 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
         raise DataError(f"table {table.path}: the time never changes")
     period = float(np.median(dt))
     if period < SHORT_PERIOD:
-        raise DataError(
+        what = (
             f"table {table.path}: the time advances by {period:.4g} s a sample; no rig samples "
-            f"faster than {1 / SHORT_PERIOD:g} Hz. Scale it to seconds in a map, [columns] "
-            't = { from = "t", scale = ... }'
+            f"faster than {1 / SHORT_PERIOD:g} Hz"
         )
-    if period > LONG_PERIOD * (1 + ROUNDED):
         raise DataError(
+            f'{what}. Scale it to seconds in a map, [columns] t = {{ from = "t", scale = ... }}'
+        ).about("time", what)
+    if period > LONG_PERIOD * (1 + ROUNDED):
+        what = (
             f"table {table.path}: the time advances by {period:.4g} s a sample "
-            f"({1 / period:.3g} Hz); {_what_time(t, period)}"
+            f"({1 / period:.3g} Hz)"
         )
+        raise DataError(f"{what}; {_what_time(t, period)}").about("time", what)
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":
         k = int(jumps[0])

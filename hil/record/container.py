@@ -283,11 +283,11 @@ def read(path: str | Path, messages: bool = True) -> Container:
     except OSError as error:
         raise DataError(f"session {path}: {error.strerror}") from error
     if not _is_mcap(raw):
-        what = "is empty" if not raw else "is not an MCAP file"
+        what = f"session {path} {'is not an MCAP file' if raw else 'is empty'}"
         raise DataError(
-            f"session {path} {what}; tables and ROS bags are brought in by 'hil import' (from "
-            "Python, a data frame by hil.from_arrays)"
-        )
+            f"{what}; tables and ROS bags are brought in by 'hil import' (from Python, a data "
+            "frame by hil.from_arrays)"
+        ).about("tables", what)
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)
     reader.read(raw)

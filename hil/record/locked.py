@@ -387,11 +387,14 @@ def count_joints(
     if joints and len(joints) != d:
         names = ", ".join(j.name for j in joints)
         how = 'joints=["a", "b"]' if table.in_memory else "--joints A,B,.."
-        raise DataError(
+        what = (
             f"the URDF does not match table {table.path}: {plural(len(joints), 'moving joint')} "
-            f"({names}), but {plural(d, 'position column')}; name the joints of the columns with "
-            f"{how} (or joints = [..] in a map), and the others are locked"
+            f"({names}), but {plural(d, 'position column')}"
         )
+        raise DataError(
+            f"{what}; name the joints of the columns with {how} (or joints = [..] in a map), and "
+            "the others are locked"
+        ).about("joints", what)
     return d
 
 
@@ -436,10 +439,8 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
     reason = f" ({why})" if why else ""
     found, log = propose(table.names), known_log(table.names)
     wanted = ", ".join(map(repr, families(names)))
-    lacks = (
-        f"table {table.path} has no column {wanted}{reason}. It has: "
-        f"{', '.join(families(table.names)[:40])}. "
-    )
+    it_has = ", ".join(families(table.names)[:40])
+    lacks = f"table {table.path} has no column {wanted}{reason}. It has: {it_has}. "
     if log:
         given = f'map="{log}"' if table.in_memory else f"--map {log}"
         return DataError(f"{lacks}These are the columns of a {log} log: read it with {given}")
@@ -456,4 +457,5 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
         offer = f"{propose_it} a map from these names"
     elif found is not None:
         offer += f"; {propose_it} one to complete"
-    return DataError(f"{lacks}{offer}")
+    what = f"no column of table {table.path} is {wanted}"
+    return DataError(f"{lacks}{offer}").about("time" if names[0] == "t" else "column", what)

@@ -42,10 +42,8 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
             continue
         inside = _inside(path) or [p for place in _folders(path) for p in _inside(place)]
         if not inside:
-            raise DataError(
-                f"folder {path} holds no session and no ROS bag ({', '.join(_ENDINGS)}); tables "
-                "are brought in by hil import"
-            )
+            lacks = f"folder {path} holds no session and no ROS bag ({', '.join(_ENDINGS)})"
+            raise DataError(f"{lacks}; tables are brought in by hil import").about("tables", lacks)
         out += inside
     return out
 

@@ -297,7 +297,7 @@ def _robot(
     except FileNotFoundError as error:
         raise DataError(
             f"URDF {file}: no such file; give the path of one as the robot (--robot, or robot=...)"
-        ) from error
+        ).about("urdf", f"URDF {file}: no such file") from error
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not text"
         raise DataError(f"URDF {file} cannot be read: {why}") from error

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from hil import consent
-from hil.errors import ConfigError
+from hil.errors import ConfigError, HilError, with_place
 from hil.models import catalogue
 from hil.models.robots import make_robot, undescribed
 from hil.record.checks import check
@@ -34,6 +34,23 @@ from hil.report.data import rounded
 from hil.testing.effects import check_effect
 from hil.userfile import write_text
 
+#: What to do on the page, by the topic of an error (`HilError.about`).
+ADVICE = {
+    "tables": "A table with columns is dropped on the page, or opened by its own path",
+    "time": (
+        "Say above which column is the time and in what unit, or leave it 'not used' and fill in "
+        "Sample rate"
+    ),
+    "column": "Say above which column it is, with its joint",
+    "joints": (
+        "Say above which column is the position of each joint, or leave Robot empty; the page "
+        "cannot lock a joint"
+    ),
+    "urdf": "Put the path of one into Robot, or leave it empty",
+    "missing": "Cut or repair them, or choose what to do with them under Missing values",
+    "faults": "Mend or cut the recording, then bring it in again",
+    "trust": "Look at it, then agree to it in the editor, in a text that imports no file beside it",
+}
 #: Rows of a column that are shown.
 FIRST = 3
 #: What a column of a table can be: stem, name on the page, units that are offered, SI first.
@@ -149,6 +166,19 @@ def _float(text: str, what: str) -> float:
         return float(text)
     except ValueError:
         raise ConfigError(f"{what} is {text!r}; expected a number") from None
+
+
+def on_page(error: HilError) -> str:
+    """The message of an error with what to do on the page.
+
+    Parameters
+    ----------
+    error : HilError
+        The error.
+    """
+    if error.topic in ADVICE:
+        return f"{error.what}. {ADVICE[error.topic]}."
+    return with_place(error)
 
 
 def shown(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hil import progress
-from hil.errors import ConfigError, HilError, in_short, own_place, with_place
+from hil.errors import ConfigError, HilError, in_short, own_place
 from hil.interrupt import held_back, with_its_parent
 from hil.models.model import base_model
 from hil.record.recording import Recording
@@ -342,7 +342,7 @@ def answer(
     try:
         return session.ask(verb, given), ""
     except HilError as failed:
-        return None, with_place(failed)
+        return None, intake.on_page(failed)
     except Exception as failed:  # what was shown outlives any error
         return None, said(verb, failed)
 

@@ -1,7 +1,9 @@
 """Files that come in through the page: picked columns, what is wrong, own effects, export."""
 
 import json
+import re
 import shlex
+from pathlib import Path
 
 import numpy as np
 import plants
@@ -108,6 +110,44 @@ def test_what_was_picked_wrongly_is_said(here, change, said):
     session = StudioSession(table="run.csv")
     with pytest.raises(HilError, match=said):
         session.ask("preview", {"picks": json.dumps(picks() | change)})
+
+
+def test_an_error_says_what_to_do_on_the_page(here):
+    """None of these errors speaks of options, maps and commands."""
+    messy(here / "run.csv")
+    (here / "empty").mkdir()
+    (here / "no.mcap").write_bytes(b"t,q1")
+    rows = np.c_[np.arange(500) / 500, np.ones(500), np.ones(500)]
+    rows[200:, 0] += 3.0
+    rows[300, 1] = np.nan
+    np.savetxt("gap.csv", rows, "%.6g", ",", header="clock,q1,tau1", comments="")
+    plain = [
+        {"column": n, "kind": k, "joint": 1, "unit": u, "flip": False}
+        for n, k, u in (("clock", "t", "s"), ("q1", "q", "rad"), ("tau1", "tau", "Nm"))
+    ]
+    quick = [plain[0] | {"unit": "ns"}, *plain[1:]]
+    lab = picks()["columns"]
+    asked = {
+        "A table with columns": ("run.csv", "open", {"path": "empty", "use": "new"}),
+        "not an MCAP": ("run.csv", "open", {"path": "no.mcap", "use": "new"}),
+        "Sample rate": ("gap.csv", "preview", picks(columns=plain[1:])),
+        "in what unit": ("gap.csv", "preview", picks(columns=quick, missing="drop")),
+        "which column it is": ("run.csv", "preview", picks(columns=lab[:2])),
+        "into Robot": ("run.csv", "preview", picks(urdf="none.urdf")),
+        "Missing values": ("gap.csv", "preview", picks(columns=plain)),
+    }
+    for said, (table, verb, given) in asked.items():
+        words = given if verb == "open" else {"picks": json.dumps(given)}
+        data, text = worker.answer(StudioSession(table=table), verb, words)
+        assert data is None and said in text, text
+        for word in ("hil ", " map", "--", "[table]", "rate_hz"):
+            assert word not in text, text
+
+
+def test_every_topic_of_an_error_has_an_advice_on_the_page():
+    source = "".join(p.read_text() for p in Path(intake.__file__).parents[1].rglob("*.py"))
+    topics = set(re.findall(r"""\.about\((?:"time" if .* else )?"([a-z]+)",""", source))
+    assert topics | {"time"} == intake.ADVICE.keys()
 
 
 def test_two_columns_for_one_thing_are_refused():
