@@ -17,6 +17,7 @@ from hil.models.files import read_model
 from hil.models.model import base_model
 from hil.record.export import write_recordings
 from hil.report.effects import PAIRS, POINTS
+from hil.studio import workbench
 from hil.studio import worker as worker_module
 from hil.studio.workbench import VERBS, Inputs, Workbench
 from hil.studio.worker import BenchState, StudioSession, Worker, _kept, checked
@@ -112,6 +113,18 @@ def test_all_models_of_the_ladder_are_divided_by_the_lowest_floor_of_them(begun)
             error = rung.found.heldout.rms[0]
             assert shown["joints"][0]["ratio"] == pytest.approx(error / min(floors), rel=1e-3)
             assert shown["joints"][0]["ratio"] >= 1.0
+
+
+def test_a_model_that_was_shown_is_shown_again_without_a_fit(begun, monkeypatch):
+    bench, first = begun
+    bench.go("0")
+    bench.add("stribeck", first["joints"][0])
+
+    def refuse(*args, **more):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(workbench, "compare", refuse)
+    assert [bench.undo()["at"], bench.redo()["at"], bench.go("0")["at"]] == [0, 1, 0]
 
 
 def test_columns_of_the_comparison_before_change_no_number(begun):
