@@ -168,7 +168,7 @@ LITTLE_SHARE = {"rad": 0.02, "m": 0.002}
 
 
 @dataclass(frozen=True)
-class Chain:
+class ArmAxes:
     """What is known of an arm without a description: units of its joints, and those that move."""
 
     units: tuple[str, ...]
@@ -185,20 +185,20 @@ class Chain:
         return f"q{k + 1}", f"q{k + 1} ** 2"
 
 
-def chain(motion: Motion) -> Chain:
+def chain(motion: Motion) -> ArmAxes:
     """Of the robot of a run, and of all runs' ranges."""
     return _chain(motion.robot.units, motion.span.tobytes())
 
 
 @lru_cache(maxsize=256)
-def _chain(units: tuple[str, ...], span: bytes) -> Chain:
+def _chain(units: tuple[str, ...], span: bytes) -> ArmAxes:
     lengths = np.ptp(np.frombuffer(span).reshape(-1, 2), axis=1)
     little = [LITTLE_SHARE[unit] for unit in units]
-    return Chain(units, tuple(np.flatnonzero(lengths > little).tolist()))
+    return ArmAxes(units, tuple(np.flatnonzero(lengths > little).tolist()))
 
 
 #: Columns as formulas (`hil.models.formula`): products of at most `MOST_FACTORS` of `FACTORS`.
-Texts = Callable[[Chain, int], Iterator[str]]
+Texts = Callable[[ArmAxes, int], Iterator[str]]
 #: Factors of a column: of every joint its position, the square, sine, cosine, speed, square of the
 #: speed, acceleration.
 FACTORS = ("q{0}", "q{0} ** 2", "sin(q{0})", "cos(q{0})", "v{0}", "v{0} ** 2", "a{0}")
@@ -222,7 +222,7 @@ def _columns(texts: Texts, motion: Motion, j: int) -> FloatArray:
 
 
 @lru_cache(maxsize=1024)
-def _factors(texts: Texts, arm: Chain, j: int) -> NDArray[np.intp]:
+def _factors(texts: Texts, arm: ArmAxes, j: int) -> NDArray[np.intp]:
     """Which factors (`MOST_FACTORS`, m) the columns are products of; 0 is one."""
     joints = range(1, len(arm.units) + 1)
     names = [form.format(k) for form in FACTORS for k in joints]
@@ -273,7 +273,7 @@ class _OfGeometry(Correction):
     traits = Correction.traits | Trait.GEOMETRY
 
 
-def _single(arm: Chain, j: int) -> Iterator[str]:
+def _single(arm: ArmAxes, j: int) -> Iterator[str]:
     """Waves of single angles, one column after the other: where a slide is turns no weight."""
     for k in arm.near(j):
         if arm.units[k] == "rad":
@@ -297,7 +297,7 @@ class GenericGravity(_OfGeometry):
         return _columns(_single, motion, j)
 
 
-def _paired(arm: Chain, j: int) -> Iterator[str]:
+def _paired(arm: ArmAxes, j: int) -> Iterator[str]:
     """Products of the waves of two joints, one of which turns."""
     for k, other in combinations(arm.near(j), 2):
         if "rad" not in (arm.units[k], arm.units[other]):
@@ -324,7 +324,7 @@ class GenericPosture(_OfGeometry):
         return _columns(_paired, motion, j)
 
 
-def _coupled(arm: Chain, j: int) -> Iterator[str]:
+def _coupled(arm: ArmAxes, j: int) -> Iterator[str]:
     """Accelerations of the other joints, and squares of speeds, times waves."""
     for k in (k for k in arm.near(j) if k != j):
         v, a = f"v{k + 1}", f"a{k + 1}"
@@ -358,7 +358,7 @@ class GenericInertia(_OfGeometry):
 LOOPED = 2
 
 
-def _looped(arm: Chain, j: int) -> Iterator[str]:
+def _looped(arm: ArmAxes, j: int) -> Iterator[str]:
     """Accelerations and products of speeds of two joints times waves of both: what no chain has."""
     others = sorted((k for k in arm.near(j) if k != j), key=lambda k: abs(k - j))
     known = set(_coupled(arm, j))
