@@ -27,14 +27,13 @@ from hil.models.effect import (
     Shapes,
     Sight,
     Trait,
-    Waves,
     brakes,
     even_ratio,
     log_grid,
     one_joint,
     other_ratios,
 )
-from hil.models.friction import HARMONICS, harmonics, position_orders
+from hil.models.friction import AMPLITUDES, HARMONICS, RIPPLES, harmonics
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
 
@@ -97,16 +96,6 @@ class TorqueGain(Effect):
         return motion.load[:, j : j + 1]
 
 
-def _cogging_carrier(motion: Motion, j: int) -> FloatArray:
-    """1."""
-    return np.ones(motion.n)
-
-
-def _cogging_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and those of the motor's turns."""
-    return position_orders(motion, j, motor=True)
-
-
 #: Periods over the range of motion below which a wave over the position is no ripple: a little more
 #: than the fewest that are sought, which stand for any slower change.  Half: any smooth change over
 #: the range is one; double: a motor of few poles goes unnamed on a short stroke.
@@ -133,9 +122,9 @@ class Cogging(Effect):
         over=Over.POSITION,
         formulas=HARMONICS,
     )
-    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    params = AMPLITUDES
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
-    search = Waves(_cogging_grid, carrier=_cogging_carrier)
+    search = RIPPLES
     limits = (
         Limit("single", _cogging_repeats, says="its period hardly comes back within the range"),
     )

@@ -25,10 +25,9 @@ from hil.models.effect import (
     Scope,
     Shapes,
     Trait,
-    Waves,
     typical_speed,
 )
-from hil.models.friction import HARMONICS, harmonics, position_orders
+from hil.models.friction import AMPLITUDES, HARMONICS, RIPPLES, harmonics
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import SLIPS, slip_state
@@ -213,16 +212,6 @@ class OfTurn(Correction):
         return waves.reshape(motion.n, 2 * WAVES)
 
 
-def _of_wave_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and those of the motor's turns."""
-    return position_orders(motion, j, motor=True)
-
-
-def _of_wave_carrier(motion: Motion, j: int) -> FloatArray:
-    """1."""
-    return np.ones(motion.n)
-
-
 class OfWave(Correction):
     """A wave over the position beyond the named ones: a further harmonic, a third period."""
 
@@ -232,9 +221,9 @@ class OfWave(Correction):
         variables="the position, in waves",
         formulas=HARMONICS,
     )
-    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    params = AMPLITUDES
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0),)
-    search = Waves(_of_wave_grid, carrier=_of_wave_carrier)
+    search = RIPPLES
     traits = Correction.traits | Trait.MOTION
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

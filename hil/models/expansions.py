@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -271,6 +272,12 @@ class _OfGeometry(Correction):
 
     family = "mass"
     traits = Correction.traits | Trait.GEOMETRY
+    #: Its columns as formulas.
+    texts: ClassVar[staticmethod[[ArmAxes, int], Iterator[str]]]
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        return _columns(self.texts, motion, j)
 
 
 def _single(arm: ArmAxes, j: int) -> Iterator[str]:
@@ -289,12 +296,9 @@ class GenericGravity(_OfGeometry):
         "an effort that stays at rest and varies with the posture",
         "gravity of an unknown geometry",
     )
+    texts = staticmethod(_single)
     scope = _scope(_single)
     traits = _OfGeometry.traits | Trait.MOTION
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _columns(_single, motion, j)
 
 
 def _paired(arm: ArmAxes, j: int) -> Iterator[str]:
@@ -316,12 +320,9 @@ class GenericPosture(_OfGeometry):
         "an effort that stays at rest and varies with the posture of two joints",
         "gravity of an unknown geometry, by pairs of joints",
     )
+    texts = staticmethod(_paired)
     scope = _scope(_paired)
     traits = _OfGeometry.traits | Trait.MOTION
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _columns(_paired, motion, j)
 
 
 def _coupled(arm: ArmAxes, j: int) -> Iterator[str]:
@@ -347,11 +348,8 @@ class GenericInertia(_OfGeometry):
         "an effort with the acceleration of other joints, and with squares of speeds",
         "inertia of an unknown geometry",
     )
+    texts = staticmethod(_coupled)
     scope = _scope(_coupled)
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _columns(_coupled, motion, j)
 
 
 #: Other joints with which a closed chain is sought, nearest first.  Double: 64 columns more.
@@ -381,12 +379,9 @@ class GenericLoop(_OfGeometry):
         "an effort with accelerations and squares of speeds that varies with two angles",
         "inertia of an unknown closed chain",
     )
+    texts = staticmethod(_looped)
     scope = _scope(_looped)
     relations = Relations(extends=("generic-inertia",))
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """All products, (n, m)."""
-        return _columns(_looped, motion, j)
 
 
 EFFECTS: tuple[Effect, ...] = (

@@ -45,6 +45,8 @@ HARMONICS = (
     "sin(4 * pi * p * q)",
     "cos(4 * pi * p * q)",
 )
+#: Their coefficients.
+AMPLITUDES = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
 #: Speed of two joints against each other, by mode: of 0 the other one's alone.
 _OWN = "min(1, 1e9 * abs(mode))"
 _SIDE = f"abs(mode + 1 - {_OWN})"
@@ -282,6 +284,20 @@ def position_orders(
     return [(p,) for p in orders]
 
 
+def _ripple_grid(motion: Motion, j: int) -> Shapes:
+    """Every half order over the span, and those of the motor's turns."""
+    return position_orders(motion, j, motor=True)
+
+
+def _ripple_carrier(motion: Motion, j: int) -> FloatArray:
+    """1."""
+    return np.ones(motion.n)
+
+
+#: Search of a wave over the position that depends on nothing else.
+RIPPLES = Waves(_ripple_grid, carrier=_ripple_carrier)
+
+
 def _position_friction_foils(
     motion: Motion, j: int, shape: Sequence[float]
 ) -> Sequence[FloatArray]:
@@ -317,7 +333,7 @@ class PositionFriction(Effect):
         over=Over.POSITION,
         formulas=tuple(f"sign * {wave}" for wave in HARMONICS),
     )
-    params = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+    params = AMPLITUDES
     shape = (
         Param("p", "1/{x}", "periods per unit of position; least: a smooth change", 0.0, size=True),
     )

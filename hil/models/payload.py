@@ -176,13 +176,13 @@ def _inverse(seen: FloatArray) -> tuple[FloatArray, FloatArray]:
     return scale, np.asarray(np.linalg.pinv(seen / scale, rcond=UNSEEN))
 
 
-def real(seen: FloatArray, pi: FloatArray, noise: float) -> bool:
+def real(seen: FloatArray, pi: FloatArray, allowed: float) -> bool:
     """Whether some real body, or none, has the effort of parameters (10,) but for what is allowed.
 
     The least |R (pi(L L') - pi)|^2 over lower triangles L (4, 4): directions that no motion shows
     are free.
     """
-    return _apart(seen, pi) <= max(noise, MISSES * float(np.sum((seen @ pi) ** 2)))
+    return _apart(seen, pi) <= allowed
 
 
 def _apart(seen: FloatArray, pi: FloatArray) -> float:
