@@ -62,8 +62,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "hil.kinematics": {"phantom-premium-1.5": "hil.controllers.dynamics:premium"},
     "hil.exports": {
         "urdf": "hil.export.urdf:TARGET",
-        "mjcf": "hil.export.mjcf:TARGET",
-        "sdf": "hil.export.sdf:TARGET",
+        "mjcf": "hil.export.simulators:MJCF",
+        "sdf": "hil.export.simulators:SDF",
         "isaac": "hil.export.urdf:ISAAC",
         "c": "hil.export.code:C",
         "cpp": "hil.export.code:CPP",

@@ -179,10 +179,10 @@ BENCHES: dict[str, NamedFunction] = {
         "Velocity estimators: error and delay of each, and what an update costs here",
     ),
     "ukf": NamedFunction(
-        "hil.bench.ukf:command", "Compiled elastic-transmission filter against filterpy"
+        "hil.bench.costs:ukf", "Compiled elastic-transmission filter against filterpy"
     ),
     "redesign": NamedFunction(
-        "hil.bench.redesign:command",
+        "hil.bench.costs:redesign",
         "Sensitivity-optimised designs: what they reach, and how long they take",
     ),
     "wire": NamedFunction(

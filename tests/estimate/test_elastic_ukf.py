@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from hil.bench.ukf import reference
+from hil.bench.costs import reference
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
 from hil.experiments import elastic_transmission

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from hil.bench import ukf
+from hil.bench import costs
 from hil.cli import main
 from hil.experiments import manual_excitation
 from hil.experiments.elastic_transmission import record
@@ -22,9 +22,9 @@ def test_elastic_ukf_as_json(capsys):
 @pytest.mark.slow
 def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
     # the 300 steps that are compared, and as many again to time
-    monkeypatch.setattr(ukf, "record", lambda plant, _, seed: record(plant, 0.6, seed))
-    monkeypatch.setattr(ukf, "measure", partial(ukf.measure, steps=300))
-    monkeypatch.setattr(ukf, "_in_the_loop", partial(ukf._in_the_loop, ticks=500))
+    monkeypatch.setattr(costs, "record", lambda plant, _, seed: record(plant, 0.6, seed))
+    monkeypatch.setattr(costs, "measure", partial(costs.measure, steps=300))
+    monkeypatch.setattr(costs, "_in_the_loop", partial(costs._in_the_loop, ticks=500))
     assert main(["bench", "ukf", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["worst"] < 1e-3
