@@ -386,6 +386,7 @@ class EffortResponse:
         self._motion, self._parts, self._more = motion, parts, more
         self._unslipped: dict[int, FloatArray] = {}
         self._coriolis: dict[int, FloatArray] = {}
+        self._slope: dict[int, FloatArray] = {}
         stride = max(1, int(1 / RATE / motion.dt))
         self._pick = np.unique(np.append(np.arange(0, motion.n, stride), motion.n - 1))
 
@@ -400,6 +401,21 @@ class EffortResponse:
         """G(q) with G[i, j] = d tau_i / d q_j at rest, shape (n, d, d)."""
         rest, step = self._effort(0.0, 0.0), STEP * np.eye(self._motion.d)
         return self._along([(self._effort(row, 0.0) - rest) / STEP for row in step])
+
+    def slope(self, j: int) -> FloatArray:
+        """Derivative of tau_i by q_j along the motion, with its speeds, shape (n, d)."""
+        if j not in self._slope:
+            m = self._motion
+            aside = replace(m, q=m.q + STEP * (np.arange(m.d) == j), response=None)
+            out = np.zeros_like(m.q)
+            for t, theta in self._parts:
+                if t.effect.family not in SOLID:
+                    continue
+                where = slice(None) if t.effect.scope.whole else t.joint
+                moved = t.effect.columns(aside, t.joint, t.shape)
+                out[:, where] += (moved - t.effect.columns(m, t.joint, t.shape)) @ (theta / STEP)
+            self._slope[j] = out
+        return self._slope[j]
 
     def coriolis(self, j: int) -> FloatArray:
         """Derivative of tau_i by joint j's speed, of masses alone, shape (n, d).

@@ -29,6 +29,7 @@ MODULES = (
     "hil.models.contact",
     "hil.models.disturbance",
     "hil.models.sensors",
+    "hil.models.encoders",
     "hil.models.transmission",
     "hil.models.correction",
     "hil.models.expansions",

@@ -1,4 +1,4 @@
-"""Errors of what is measured and commanded: force sensor, encoders, filters, amplifiers.
+"""Errors of what is measured and commanded: force sensor, filters, amplifiers.
 
 The force sensor says w_m where w acts.  What is fitted is  tau + tau_ext,m = model + J' (w_m - w),
 so an error of the sensor is a column J' e on the model's side, e its error for unit coefficient.
@@ -6,10 +6,6 @@ so an error of the sensor is a column J' e on the model's side, e its error for 
 Its channels lie along the axes of the base (a sensor under the object, or one whose reading is
 turned in its own electronics) or of the tip (a sensor on the last link).  Without a wrench at the
 tip the sensors are one a joint and J is the unit matrix.
-
-An error e of joint j's measured position is an error of the model's effort on every joint i, to
-first order  -(M_ij e'' + D_ij e' + G_ij e)  with the model's own inertia M, viscous friction D and
-static stiffness G: an eccentric disc, lost counts, a lag of the filter.
 
 The motor and its amplifier change a command: delay, lag, and ripple that scales with it.
 """
@@ -21,7 +17,6 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.models.effect import (
     STRICT,
@@ -38,12 +33,11 @@ from hil.models.effect import (
     Shapes,
     Trait,
     Twin,
-    Variation,
     Waves,
     log_grid,
 )
 from hil.models.friction import harmonics, position_orders
-from hil.models.kernels import delayed, eccentric, lag
+from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import POLES, TELLING_PUSH
 
@@ -165,187 +159,6 @@ def behind(u: FloatArray, dt: float, shape: Sequence[float]) -> FloatArray:
     for _ in range(round(shape[1])):
         y = lag(y, dt, float(shape[0]))
     return (u - y)[:, None]
-
-
-#: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
-DISC_ORDER = 40.0
-#: Shape of jumps that are recorded, and the coefficient that says that they were lost counts.
-SEEN = (0.0,)
-CONFIRMED = Param("a", "1", "share of the recorded jumps that the effort confirms as lost", 0.0)
-#: Largest such share beside a model that was fitted with the jumps as motion.
-DILUTED = 5.0
-_SHIFT = Param("s", "{x}", "shift of the measured position")
-_UNFITTED = "needs the fitted model's inertia; fit the model first"
-
-
-def _encoder_eccentricity_powers(motion: Motion, j: int) -> NDArray[np.complex128] | None:
-    """-(G, i (M q'' + D q'), -M q'^2) on the own joint: e, e' and e'' of exp(i k q)."""
-    if motion.response is None:
-        return None
-    m, g = motion.response.inertia[:, j, j], motion.response.gradient[:, j, j]
-    v, damping = motion.qd[:, j], motion.response.damping[j]
-    parts = (g, 1j * (m * motion.qdd[:, j] + damping * v), -m * v**2)
-    return -np.stack(parts, axis=1).astype(np.complex128)
-
-
-def _encoder_eccentricity_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span."""
-    return position_orders(motion, j, DISC_ORDER)
-
-
-def _encoder_eccentricity_lacks(motion: Motion, j: int) -> str:
-    """Needs a fitted model."""
-    return _UNFITTED if motion.response is None else ""
-
-
-class EncoderEccentricity(Effect):
-    """The encoder's disc sits off centre: its error repeats once per turn.
-
-    Cogging repeats over position, too, but has one size at all speeds; this grows with the
-    square of the speed and with the acceleration, for it is inertia that it falsifies.  A tilted
-    or oval disc errs twice a turn, too; and what is a sine over the true position is a bent one
-    over the measured one, and a third harmonic counts nine times in the acceleration.
-    """
-
-    name, family = "encoder-eccentricity", "sensor"
-    doc = Doc(
-        equation=(
-            "tau = -(M e'' + D e' + G e),  "
-            "e = es sin kq + ec cos kq + es2 sin 2kq + .. + ec3 cos 3kq, k = 2 pi p"
-        ),
-        signature="a ripple over position that grows with the square of the speed",
-        confused_with=("cogging", "position-friction"),
-        shown_by="the same stroke at several speeds",
-        source="Kavanagh, IEEE Trans. Instrumentation and Measurement 50(6), 2001 (encoder errors)",
-    )
-    params = (
-        Param("es", "{x}", "error that goes with the sine"),
-        Param("ec", "{x}", "error that goes with the cosine"),
-        Param("es2", "{x}", "twice a turn, with the sine: a tilted or oval disc"),
-        Param("ec2", "{x}", "twice a turn, with the cosine"),
-        Param("es3", "{x}", "three times a turn, with the sine"),
-        Param("ec3", "{x}", "three times a turn, with the cosine"),
-    )
-    shape = (Param("p", "1/{x}", "turns of the disc per unit of position", 0.0, size=True),)
-    scope = Scope(Of.JOINTS, lacks=_encoder_eccentricity_lacks)
-    search = Waves(_encoder_eccentricity_grid, powers=_encoder_eccentricity_powers)
-    traits = Trait.LOAD | Trait.REPLAYED
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """-(M e'' + D e' + G e) for e = sin and cos of kq, 2kq and 3kq, shape (n, d, 6)."""
-        if motion.response is None:
-            return np.zeros((motion.n, motion.d, 6))
-        r, k, q = motion.response, 2 * np.pi * float(shape[0]), motion.q[:, j]
-        out = np.empty((motion.n, motion.d, 6))
-        for h in (1, 2, 3):
-            angle = (h * k) * q
-            eccentric(
-                np.sin(angle),
-                np.cos(angle),
-                h * k,
-                motion.qd[:, j],
-                motion.qdd[:, j],
-                r.inertia[:, :, j],
-                r.gradient[:, :, j],
-                float(r.damping[j]),
-                j,
-                out[:, :, 2 * h - 2 : 2 * h],
-            )
-        return out
-
-
-def _missed_counts_grid(motion: Motion, j: int) -> Shapes:
-    """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
-    if motion.jumps(j):
-        return [SEEN]
-    return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
-
-
-def _missed_counts_terms(motion: Motion, j: int) -> tuple[Param, ...]:
-    """Share of the recorded jumps, or the shift."""
-    return (CONFIRMED,) if motion.jumps(j) else (_SHIFT,)
-
-
-def _missed_counts_small(f: Fitted) -> bool:
-    """No shift beyond half a radian; recorded jumps are nearer to lost counts than to motion.
-
-    Beside jumps a model finds too small an inertia, so that the first share may exceed 1.
-    A run without jumps has none (0).
-    """
-    if not _missed_counts_dated(f.shape):
-        return max(map(abs, f.beta)) < 0.5
-    return all(0.5 < b < DILUTED for b in f.beta if b)
-
-
-def _missed_counts_dated(shape: Sequence[float]) -> bool:
-    """Recorded jumps are."""
-    return tuple(shape) == SEEN
-
-
-def _missed_counts_own(shape: Sequence[float]) -> bool:
-    """A shift does, to the run in which it happened."""
-    return not _missed_counts_dated(shape)
-
-
-def _missed_counts_lacks(motion: Motion, j: int) -> str:
-    """Needs gravity or a spring, unless the jumps are recorded."""
-    if motion.response is None:
-        return _UNFITTED
-    if motion.jumps(j) or np.any(motion.response.gradient[:, :, j]):
-        return ""
-    return "no gravity or spring of the model depends on the position, so a shift has no effect"
-
-
-class MissedCounts(Effect):
-    """The encoder lost counts: all positions after that are shifted.
-
-    Lost within a sample, they are seen as jumps of the recorded position; then instants and
-    sizes are known, and what is fitted is whether the effort confirms that the joint did not
-    jump: a share of 1.  Lost little by little they are one shift at an instant that is searched;
-    only gravity and springs feel it, and without them it cannot be seen in the effort.
-    """
-
-    name, family = "missed-counts", "sensor"
-    doc = Doc(
-        equation=(
-            "tau = f(q - a e) - f(q), e = jumps of the recorded position, each staying; "
-            "without any tau = -G s for t > t0 (s = shift of the measured position)"
-        ),
-        signature=(
-            "the position jumps and the effort does not; or gravity fits before an instant only"
-        ),
-        confused_with=("force-drift", "torque-offset", "vibration-mode"),
-        shown_by="a return to a mechanical reference at the end of the run",
-        source=(
-            "Naerum thesis, appendix A (counts lost above the decoder's rate are a lasting offset)"
-        ),
-        over=Over.TIME,
-    )
-    params = (_SHIFT,)
-    shape = (
-        Param(
-            "t0",
-            "s",
-            "instant, from the start; 0: the jumps that are recorded",
-            0.0,
-            codes=((SEEN[0], "at the jumps that are recorded"),),
-        ),
-    )
-    scope = Scope(Of.JOINTS, lacks=_missed_counts_lacks, terms=_missed_counts_terms)
-    variation = Variation(per_run=True, dated=_missed_counts_dated, own=_missed_counts_own)
-    search = Grid(_missed_counts_grid)
-    limits = (Limit("size", _missed_counts_small, says="the shift is too large for lost counts"),)
-    traits = Trait.LOAD | Trait.REPLAYED | Trait.JUMPS
-
-    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """f(q - e) - f(q), or -G after t0, shape (n, d, 1)."""
-        if motion.response is None:
-            return np.zeros((motion.n, motion.d, 1))
-        if _missed_counts_dated(shape):
-            return motion.response.unslipped(j)[:, :, None]
-        after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
-        out: FloatArray = -(motion.response.gradient[:, :, j] * after[:, None])[:, :, None]
-        return out
 
 
 def _filter_lag_lacks(motion: Motion, j: int) -> str:
@@ -668,8 +481,6 @@ EFFECTS = (
     ForceDrift(),
     ForceGain(),
     ForceCrosstalk(),
-    EncoderEccentricity(),
-    MissedCounts(),
     FilterLag(),
     Delay(),
     ActuatorLag(),

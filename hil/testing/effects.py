@@ -125,6 +125,10 @@ class _Stiff:
         )
         self._n, self._d = n, d
 
+    def slope(self, j: int) -> FloatArray:
+        """As the stiffness."""
+        return self.gradient[:, :, j]
+
     def coriolis(self, j: int) -> FloatArray:
         """Of an inertia that is the same everywhere."""
         return np.zeros((self._n, self._d))

@@ -537,9 +537,23 @@ def missed(p: Place) -> Encoder:
     return seen
 
 
+def homed(p: Place) -> Encoder:
+    """A home that lies beside the one of the drawing."""
+    error = 0.03 * p.amplitude * p.link.reach
+    return lambda x: error
+
+
+def geared(p: Place) -> Encoder:
+    """A pulley of another diameter than the drawing's."""
+    j, share = p.j, 0.03 * p.amplitude
+    return lambda x: share * x.m[j]
+
+
 ENCODERS: dict[str, Callable[[Place], Encoder]] = {
     "encoder-eccentricity": eccentricity,
     "missed-counts": missed,
+    "joint-zero": homed,
+    "joint-ratio": geared,
 }
 
 #: Change of what was recorded: positions (n, d), forces (n, 3), rows a second, place.

@@ -23,7 +23,8 @@ from hil.sim_devices.mujoco_plants.robots import ROBOTS, Robot
 USUAL = (0.0, 60.0)
 
 #: ``"force"``: a measured force; ``"arm"``: more than one joint; ``"runs"``: a run with and one
-#: without; ``"urdf"``: a described robot with its weight on some joint.
+#: without; ``"urdf"``: a described robot with its weight on some joint; ``"chain"``: one of three
+#: joints or more.
 NEEDS = {
     "coupled-friction": "arm",
     "torque-crosstalk": "arm",
@@ -32,6 +33,8 @@ NEEDS = {
     "payload": "runs",
     "payload-change": "urdf",
     "outside-slosh": "urdf",
+    "joint-zero": "chain",
+    "joint-ratio": "chain",
     "torque-gain": "force",
     "filter-lag": "force",
     "force-bias": "force",
@@ -52,13 +55,23 @@ RANGES = {
     "hardening-cable": (0.15, 8.0),
     "encoder-eccentricity": (0.0, 30.0),
     "end-stop": (0.02, 200.0),
+    "joint-zero": (0.0, 5.0),
+    "joint-ratio": (0.0, 3.0),
     "load-friction": (0.0, 8.0),
     "outside-warm-gain": (0.0, 8.0),
     "filter-lag": (0.1, 6.0),
 }
 
 #: Laws that came after the plans had numbered the others: they are numbered last.
-LATER = ("sublinear-viscous", "local-friction", "two-stops", "differential", "asymmetric-gain")
+LATER = (
+    "sublinear-viscous",
+    "local-friction",
+    "two-stops",
+    "differential",
+    "asymmetric-gain",
+    "joint-zero",
+    "joint-ratio",
+)
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone"}
 

@@ -44,7 +44,8 @@ REFUSED = {
     "coupled-transmission", "differential", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
-    "encoder-eccentricity", "missed-counts", "filter-lag", "elastic-transmission",
+    "encoder-eccentricity", "missed-counts", "joint-zero", "joint-ratio", "filter-lag",
+    "elastic-transmission",
     "variable-inertia",
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag",
     # a memory, an acceleration, or more joints than a table holds

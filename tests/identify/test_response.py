@@ -8,6 +8,7 @@ import pytest
 
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
+from hil.models import catalogue
 from hil.models.model import base_model
 from hil.models.transmission import link_inertia
 
@@ -46,3 +47,34 @@ def test_coriolis_is_the_derivative_of_what_masses_ask_for_by_a_speed(fitted, j)
     assert np.max(np.abs(expected)) > 0.05
     got = motion.response.coriolis(j)
     assert np.max(np.abs(got - expected)) < 0.02 * np.max(np.abs(expected))
+
+
+def _masses(fitted):
+    """Efforts of the fitted masses along any motion."""
+    body, theta = next(
+        (t, fitted.theta[s])
+        for t, s in zip(fitted.terms, fitted.slices, strict=True)
+        if t.effect.name == "rigid-body"
+    )
+    return lambda motion: body.effect.columns(replace(motion, response=None), 0, ()) @ theta
+
+
+@pytest.mark.parametrize("j", range(3))
+def test_a_zero_and_a_ratio_are_derivatives_of_what_the_model_asks_for(fitted, j):
+    motion, masses, step = fitted.problem.motions[0], _masses(fitted), 1e-4
+    only = np.eye(3)[j]
+    up, down = (masses(replace(motion, q=motion.q + x * only)) for x in (step, -step))
+    zero = catalogue.get("joint-zero").columns(motion, j, ())[:, :, 0]
+    np.testing.assert_allclose(-zero, (up - down) / (2 * step), rtol=1e-3, atol=1e-3)
+
+    def read(share):
+        less = 1.0 - share * only
+        return replace(motion, q=motion.q * less, qd=motion.qd * less, qdd=motion.qdd * less)
+
+    fall = (masses(read(step)) - masses(read(-step))) / (2 * step)
+    fall[:, j] -= motion.response.damping[j] * motion.qd[:, j]
+    # the rotor's inertia is the motor's, and felt on its own joint alone
+    armature = fitted.values.get(f"j{j + 1}.armature.ia")
+    fall[:, j] -= (armature.value if armature else 0.0) * motion.qdd[:, j]
+    ratio = catalogue.get("joint-ratio").columns(motion, j, ())[:, :, 0]
+    np.testing.assert_allclose(ratio, fall, atol=0.02 * np.max(np.abs(fall)))

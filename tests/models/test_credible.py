@@ -43,6 +43,8 @@ IMPOSSIBLE = {
     "quadratic-drag": ((), (-0.1,)),
     "sublinear-viscous": ((0.2,), (0.1,)),
     "base-tilt": ((), (1.0, 0.0)),
+    "joint-zero": ((), (0.5,)),
+    "joint-ratio": ((), (-0.3,)),
     "tip-impedance": ((), (-1.0, 2.0, 0.0, 0.0, 0.0)),
     "force-gain": ((0.0,), (0.0, 0.7)),
     "force-crosstalk": ((0.0,), (1.5, 0.0)),

@@ -183,7 +183,7 @@ def lost_share(seed: int) -> float:
 
 def robots_showing(needs: str) -> list[str]:
     """Robots on which an effect with these needs can be seen."""
-    least = {"arm": 2, "runs": 2, "urdf": 1, "force": 3}.get(needs, 0)
+    least = {"arm": 2, "runs": 2, "urdf": 1, "force": 3, "chain": 3}.get(needs, 0)
     return [
         name
         for name, r in sorted(mujoco_robots().items())
@@ -224,7 +224,8 @@ def kinds(plant: str = "tuning") -> dict[str, tuple[str, float, float]]:
     """What can be hidden -> what it needs, its smallest and its largest amplitude.
 
     Needs: ``"force"`` (measured), ``"arm"`` (more than one joint), ``"runs"`` (a run with and
-    one without), ``"urdf"`` (a described robot; test plants), or nothing.
+    one without), ``"urdf"`` (a described robot; test plants), ``"chain"`` (one of three joints or
+    more; test plants), or nothing.
     """
     simulator = _tuning_simulator() if plant == "tuning" else _mujoco_simulator()
     found: dict[str, tuple[str, float, float]] = simulator.kinds()
