@@ -116,6 +116,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         lines += ["", _names_table(d)]
         with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
         lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
+        noted = [(where(f), remark(f.effect, f.parameters)) for f in d.findings]
+        lines += [f"  {name}: {said}" for name, said in noted if said]
     lines += ["", _joints_table(d, rungs)]
     said = list(dict.fromkeys(w for code, w in d.warnings if code in LEADING))
     said += _worse(rising(rungs))
@@ -203,9 +205,10 @@ def _undetermined(values: dict[str, Value], names: list[str]) -> str:
 def _contribution(d: Diagnosis, f: Finding) -> str:
     """Rms effort that an effect takes off the error of its joint, with unit; empty without one."""
     joints = d.result.problem.joints
-    if f.joint not in joints or not f.relative_before > f.relative_after:
+    joint = f.felt_on or f.joint
+    if joint not in joints or not f.relative_before > f.relative_after:
         return ""
-    j = joints.index(f.joint)
+    j = joints.index(joint)
     # what is explained and what is left are uncorrelated: squares add up
     share = math.sqrt(f.relative_before**2 - f.relative_after**2) / 100
     unit = "N" if d.result.problem.robot.units[j] == "m" else "N m"
@@ -358,7 +361,8 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
 def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     lines = [
         f"  {where(f)}  (confidence {f.confidence:.2f})",
-        f"    held-out error {f.relative_before:.2f} % -> {f.relative_after:.2f} % "
+        f"    held-out error {f'of {f.felt_on} ' if f.felt_on else ''}{f.relative_before:.2f} % -> "
+        f"{f.relative_after:.2f} % "
         f"(standard error {f.se:.2g}); explains {100 * f.excess_explained:.0f} % of the squared "
         "error above the noise floor",
     ]

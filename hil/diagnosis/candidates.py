@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.constants import BEYOND, DISCREPANCY
 from hil.diagnosis.evidence import try_all
+from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
@@ -52,7 +53,7 @@ class Rated:
     before, after : float
         Mean square error of its joint without it and with it.
     joint : int
-        Its joint; of an effect of the whole robot, the one where it does most.
+        Its joint; of an effect that all joints feel, the one where it does most.
     """
 
     candidate: Candidate
@@ -159,7 +160,8 @@ def rate(
         more = [candidate_group(problem, c) for c in some]
         table = GramTable(problem, folds, result.sigma, base, more)
         now = table.errors(keys)
-        out |= dict(zip(map(id, some), rated(some, table, keys, now), strict=True))
+        found = rated(some, table, keys, now, practical(problem) * problem.rms(problem.effort))
+        out |= dict(zip(map(id, some), found, strict=True))
     return [out[id(c)] for c in candidates]
 
 
@@ -171,9 +173,16 @@ def held_out(result: FitResult, split: Split) -> FloatArray:
 
 
 def rated(
-    some: Sequence[Candidate], table: GramTable, keys: Sequence[object], now: BlockErrors
+    some: Sequence[Candidate],
+    table: GramTable,
+    keys: Sequence[object],
+    now: BlockErrors,
+    matters: FloatArray,
 ) -> list[Rated]:
-    """Candidates, each beside the groups `keys`, whose errors are `now`."""
+    """Candidates, each beside the groups `keys`, whose errors are `now`.
+
+    What is less than `matters` (d,) [N m or N] is of no size on a joint.
+    """
     models = []
     for c in some:
         gone = replaced(c.term)
@@ -185,7 +194,7 @@ def rated(
     for c, chosen, errors in zip(some, models, table.each(models), strict=True):
         j = c.term.joint
         if c.term.effect.scope.whole:
-            j = int(np.argmax((now.power - errors.power) / np.maximum(now.power, 1e-300)))
+            j = _most(now.power, errors.power, matters)
         out.append(
             Rated(
                 c,
@@ -200,6 +209,16 @@ def rated(
             )
         )
     return out
+
+
+def _most(before: FloatArray, after: FloatArray, matters: FloatArray) -> int:
+    """The joint on which an effect takes the largest share of the error, if that is of size.
+
+    Else where it is nearest to that.
+    """
+    size = (before - after) / np.maximum(matters**2, 1e-300)
+    share = (before - after) / np.maximum(before, 1e-300)
+    return int(np.argmax(np.where(size > 1.0, share, -np.inf) if np.any(size > 1.0) else size))
 
 
 def simplest(rated: list[Rated], score: Callable[[Rated], float]) -> Rated:

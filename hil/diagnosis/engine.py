@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hil import progress
 from hil.diagnosis.artefacts import converter
 from hil.diagnosis.candidates import in_words
+from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import (
     ADEQUATE,
     CONFIDENT,
@@ -35,7 +36,7 @@ from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, within_errors
 from hil.diagnosis.naming import Named, exchange, separated, shares
-from hil.diagnosis.preconditions import doubts, mistaken, touched, undetermined
+from hil.diagnosis.preconditions import doubts, touched, undetermined
 from hil.diagnosis.remodel import Visited
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
@@ -543,6 +544,7 @@ def finding(
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
         list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
         min(least_sure)[1],
+        problem.joints[j] if c.term.effect.scope.whole else "",
     )
 
 

@@ -123,7 +123,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
         absorbed=absorbed,
         coefficients=tuple(map(float, beta)),
         errors=tuple(np.sqrt(np.maximum(np.diag(inverse), 0.0)).tolist()),
-        joint=int(np.argmax(parts)) if term.effect.scope.of_robot else term.joint,
+        joint=int(np.argmax(parts)) if term.effect.scope.whole else term.joint,
         parts=parts,
     )
 

@@ -1,26 +1,10 @@
-"""When nothing can be concluded: wrong columns, too little motion, another robot, wrong forces.
-
-Effort columns may have the wrong sign or be swapped: a model that cannot follow its own recording
-at all is fitted again to the same recording with an effort turned round, or with two of them
-exchanged.  No missing effect makes one of these fit.
-
-Which error no fit of the base model can go below, whatever its shapes and bounds.
-
-The columns of the base model are those of the motion.  With all of them, in all shapes that a fit
-tries, as free columns X_j of each joint's rows, and efforts y_j of rms size s_j,
-
-    min over theta of  sum_j |y_j - X_j theta|^2 / (N_j s_j^2)
-
-is no more than what any fit leaves.  X_j = Q_j R_j is made once for any number of efforts that the
-same motion may have had.
-"""
+"""When nothing can be concluded: too little motion, another robot or gravity, wrong forces."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +14,7 @@ from hil.diagnosis.constants import (
     BEYOND,
     CERTAIN,
     DISAGREEMENT,
-    HALF,
     LITTLE,
-    NEAR_FLOOR,
     OPEN,
     SHORTEST,
     SURE,
@@ -42,125 +24,16 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import GramTable, Group
 from hil.errors import plural
-from hil.identify.design import head
-from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.regression import inflation, least_squares
+from hil.identify.regression import inflation
 from hil.identify.result import FitResult
-from hil.identify.solve import factors
 from hil.models.contact import penetration
 from hil.models.effect import Trait
-from hil.models.model import BASE_EFFECTS, RobotModel
+from hil.models.model import RobotModel
 from hil.models.parts import TELLING_PUSH
-from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-
-
-# ------------------------------------------------------------ columns
-
-
-def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
-    """Faults (code, sentence) of effort columns that the base fit shows; empty if there are none.
-
-    Only where the motors alone act: beside a measured force, it may be the force that is wrong.
-
-    Parameters
-    ----------
-    result : FitResult
-        Base model fitted to the runs as they are.
-    recordings : list of Recording
-        The runs.
-    """
-    pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
-    doubtful = float(np.max(result.relative)) >= 100 * TENTH or driven(result)
-    if doubtful and pushed and result.model.explains == "motor":
-        return _of_tip(result, recordings)
-    if result.model.explains != "motor" or pushed or not doubtful:
-        return []
-    before, reach, found = _size(result), Reach(result), []
-    for code, text, columns, signs in _changes(result.problem.joints, result.relative):
-        changed = [replace(r, tau=r.tau[:, columns] * signs) for r in recordings]
-        problem = Problem(
-            changed, result.problem.source, result.model.explains, rates=result.problem.rates
-        )
-        if reach.least(problem) > NEAR_FLOOR * OPEN * before:
-            continue
-        after = fit(problem, result.model, sweeps=1)
-        better = _size(after) < OPEN * before and float(np.max(after.relative)) < 100 * HALF
-        if better:
-            found.append((_size(after), code, text))
-    return [(code, text) for _, code, text in sorted(found)[:1]]
-
-
-def _of_tip(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
-    """Fault (code, sentence) of a force in the axes of its sensor at the tip; none where it is not.
-
-    Told where the base model fits with the force turned into axes of the base, and not without.
-    """
-    robot, source = result.problem.robot, result.problem.source
-    if robot.tree is None or any(r.wrench is None for r in recordings):
-        return []
-    changed = []
-    for r in recordings:
-        axes = robot.tip_axes(r.q)
-        if axes is None or r.wrench is None:
-            return []
-        changed.append(replace(r, wrench=in_base_axes(r.wrench, axes)))
-    before = _size(result)
-    problem = Problem(changed, source, result.model.explains, rates=result.problem.rates)
-    after = fit(problem, result.model, sweeps=1)
-    if _size(after) >= OPEN * before:
-        return []
-    link = source.tip or "LINK"
-    return [
-        (
-            "force-axes",
-            "the measured force (fx, fy, fz) is in the axes of its sensor at the tip and not in "
-            f"those of the base: turned, the model's error falls from {before:.3g} to "
-            f'{_size(after):.3g} % of the effort. Say force_axes = "{link}" under [robot] in a '
-            "map, with the link that carries the sensor, and import again",
-        )
-    ]
-
-
-def driven(result: FitResult) -> bool:
-    """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
-    friction = Trait.DRY | Trait.VISCOUS
-    rubbing = [t for t in result.terms if t.effect.traits & friction]
-    every = [f"{head(t.effect, t.joint)}.{t.effect.params[0].name}" for t in rubbing]
-    names = [n for n in every if n in result.values]
-    return bool(names) and all(result.values[n].at_bound for n in names)
-
-
-def _size(result: FitResult) -> float:
-    """Relative error over all joints [%]."""
-    return float(np.sqrt(np.mean(result.relative**2)))
-
-
-def _changes(
-    joints: tuple[str, ...], error: FloatArray
-) -> Iterator[tuple[str, str, list[int], FloatArray]]:
-    """Code, sentence, order and signs of the columns that may be meant.
-
-    A joint whose effort is another one's fits badly, and so does the other one's.
-    """
-    d, bad = len(joints), error > 100 * TENTH
-    order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
-    for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
-        signs = np.where(np.arange(d) == k, -1.0, 1.0)
-        yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
-    if d > 1 and (2 * np.sum(error > 100 * OPEN) >= d or not np.any(bad)):
-        text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
-        yield "sign", text, order, np.full(d, -1.0)
-    for a, b in combinations(np.flatnonzero(bad).tolist(), 2):
-        swapped = [b if k == a else a if k == b else k for k in order]
-        text = (
-            f"tau{a + 1} and tau{b + 1} ({joints[a]}, {joints[b]}) are swapped: exchanged, the "
-            "model fits; name the columns in a map"
-        )
-        yield "swapped", text, swapped, np.ones(d)
 
 
 # ------------------------------------------------------------ motion
@@ -291,52 +164,6 @@ def _sentence(ours: str, theirs: str, name: str) -> str:
         f"the model is of {ours}, the session {name} of {theirs}: its errors may be the robot's; "
         "without --model the base model of the session's own robot is taken"
     )
-
-
-class Reach:
-    """Least errors of the base model over the motion of a fit.
-
-    Parameters
-    ----------
-    result : FitResult
-        The fit; of one with other terms than the base model's nothing is known.
-    """
-
-    def __init__(self, result: FitResult) -> None:
-        self._known = all(t.effect.name in BASE_EFFECTS for t in result.terms)
-        if self._known:
-            problem = result.problem
-            grids = ((t, problem.grid(t.effect, t.joint) or [t.shape]) for t in result.terms)
-            terms = [replace(t, shape=s) for t, grid in grids for s in grid]
-            with problem.aside():
-                self._q, self._r = factors(problem, terms, np.ones(problem.d))
-
-    def least(self, problem: Problem) -> float:
-        """Least relative error over all joints [%] for the efforts of another problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            Of the same motion.
-
-        Returns
-        -------
-        float
-            Root mean square over the joints; 0 where nothing is known.
-        """
-        if not self._known or any(len(q) != problem.n for q in self._q):
-            return 0.0
-        size = np.sqrt(np.sum(problem.effort**2, axis=1))
-        weight = 100.0 / np.maximum(size, 1e-300)
-        parts = zip(self._q, self._r, problem.y, weight, strict=True)
-        each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
-        right = np.concatenate([c for c, _, _ in each])
-        rows = np.concatenate([r for _, r, _ in each])
-        theta = least_squares(rows, right)
-        # what no column of its joint reaches, and what not all joints reach at once
-        beyond = sum(whole - float(c @ c) for c, _, whole in each)
-        rest = float(np.sum((right - rows @ theta) ** 2))
-        return float(np.sqrt(max(beyond + rest, 0.0) / problem.d))
 
 
 # ------------------------------------------------------------ the description of the robot

@@ -102,7 +102,7 @@ class Candidate:
     coefficients, errors : tuple of float
         Its coefficients if it is added, and their standard errors.
     joint : int
-        Its joint; of an effect of the whole robot, the joint where it explains most.
+        Its joint; of an effect that all joints feel, the joint where it explains most.
     smoother : bool
         Whether all that it does is to smooth the noise of the positions.
     stirred : float
@@ -424,6 +424,8 @@ class Finding:
         Effects that these data cannot tell from it.
     reason : str
         What holds its confidence down most.
+    felt_on : str
+        Joint whose errors these are, where all joints feel the effect; else empty.
     """
 
     effect: str
@@ -436,6 +438,7 @@ class Finding:
     parameters: dict[str, Value]
     rivals: list[str]
     reason: str = ""
+    felt_on: str = ""
 
 
 @dataclass(frozen=True, repr=False)

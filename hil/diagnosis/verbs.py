@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import progress
+from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, differences, settled
-from hil.diagnosis.preconditions import contradicted, mistaken, other_robot
+from hil.diagnosis.preconditions import contradicted, other_robot
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero

@@ -360,11 +360,12 @@ def details(m: Material) -> list[str]:
 def _finding(m: Material, f: Finding) -> str:
     sure = "" if f.confidence >= CONFIDENT else ", too low to name it as the cause"
     rivals = f" Rivals with this motion: {', '.join(f.rivals)}." if f.rivals else ""
-    text = meaning(f.effect)
+    text, errors = meaning(f.effect), _errors(m, f)
     return (
         f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
-        f"Confidence {_chance(f.confidence)}{sure}. {_errors(m, f).capitalize()}; this explains "
-        f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor.{rivals}"
+        f"Confidence {_chance(f.confidence)}{sure}. {errors[:1].upper()}{errors[1:]}; this "
+        f"explains {100 * f.excess_explained:.0f} % of the squared error above the noise floor."
+        f"{rivals}"
     )
 
 
@@ -373,12 +374,13 @@ def _chance(p: float) -> str:
 
 
 def _errors(m: Material, f: Finding) -> str:
+    of = f"of {f.felt_on} " if f.felt_on else ""
     text = (
-        f"held-out error {f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
+        f"held-out error {of}{f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
         f"(standard error {f.se:.2g})"
     )
-    if f.joint in m.joints:
-        text += f", noise floor {m.relative_floor(m.joints.index(str(f.joint))):.2f} %"
+    if (joint := f.felt_on or f.joint) in m.joints:
+        text += f", noise floor {m.relative_floor(m.joints.index(str(joint))):.2f} %"
     return text
 
 

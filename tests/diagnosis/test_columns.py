@@ -7,7 +7,7 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis import preconditions
+from hil.diagnosis import columns
 from hil.record.recording import Recording
 
 
@@ -57,4 +57,4 @@ def test_friction_that_drives_raises_suspicion_though_free_masses_take_the_sign(
     fits = [
         hil.fit([replace(run, tau=sign * run.tau)], hil.base_model(run.robot)) for sign in (1, -1)
     ]
-    assert [preconditions.driven(f) for f in fits] == [False, True]
+    assert [columns.driven(f) for f in fits] == [False, True]

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 #: module that a table loads by its name is found there, and one import more is no reason to merge.
 MODULES, ONE_IMPORTER, UNNAMED = 343, 25, 14
 #: Most modules (packages apart) that one diagnosis of a session loads.
-OF_A_DIAGNOSIS = 90
+OF_A_DIAGNOSIS = 91
 _COUNT = """
 import sys
 from hil.cli import main

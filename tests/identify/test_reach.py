@@ -6,7 +6,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.diagnosis.preconditions import Reach
+from hil.diagnosis.columns import Reach
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import base_model

@@ -1,0 +1,135 @@
+"""Joints not counted as the description says: small errors get a name, large ones are refused."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import plants
+import pytest
+
+import hil
+from hil.diagnosis.columns import Postures, Sense
+from hil.diagnosis.engine import diagnose
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.models import catalogue
+from hil.models.model import base_model
+from hil.record.recording import Recording
+
+
+def read(run: Recording, j: int, sign=1.0, shift=0.0, ratio=1.0, effort=1.0) -> Recording:
+    """The run with joint j recorded as sign * ratio * q + shift."""
+    q, tau = run.q.copy(), run.tau.copy()
+    q[:, j] = sign * ratio * q[:, j] + shift
+    tau[:, j] *= effort
+    return replace(run, q=q, tau=tau)
+
+
+def answer(j: int, **how: float):
+    runs = [read(plants.spatial(seed), j, **how) for seed in (1, 2)]
+    return diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
+
+
+def test_a_zero_that_is_off_is_named_with_its_size_where_the_joints_behind_feel_it():
+    found = answer(1, shift=0.06)
+    assert [(f.effect, f.joint) for f in found.findings] == [("joint-zero", "upper")]
+    assert found.findings[0].felt_on in ("upper", "fore")
+    value = found.findings[0].parameters["j2.joint-zero.z"]
+    assert value.value == pytest.approx(0.06, abs=0.003)
+    assert all(found.explained.heldout.rms < 1.1 * found.noise)
+
+
+@pytest.mark.parametrize("j", [0, 2])
+def test_the_masses_of_the_first_and_the_last_joint_turn_along_with_its_zero(j):
+    found = answer(j, shift=0.06)
+    assert found.verdict == "adequate" and not found.findings
+
+
+@pytest.mark.parametrize("j", [pytest.param(0, marks=pytest.mark.slow), 2])
+def test_a_ratio_that_is_off_is_named_with_its_size(j):
+    found = answer(j, ratio=1.06)
+    joint = plants.JOINTS[j]
+    assert [(f.effect, f.joint) for f in found.findings] == [("joint-ratio", joint)]
+    value = found.findings[0].parameters[f"j{j + 1}.joint-ratio.r"]
+    assert value.value == pytest.approx(1 - 1 / 1.06, abs=0.004)
+    assert all(found.explained.heldout.rms < 1.1 * found.noise)
+
+
+def test_what_corrects_it_is_said():
+    zero, ratio = (catalogue.get(name).doc.remark for name in ("joint-zero", "joint-ratio"))
+    assert "add -0.0524 to the position's shift" in zero({"z": 0.0524}, {})
+    assert "3 degrees" in zero({"z": 0.0524}, {})
+    assert "scale in a map by 0.95" in ratio({"r": 0.05}, {})
+
+
+@pytest.mark.parametrize(
+    ("d", "j", "how", "words"),
+    [
+        (3, 1, {"shift": np.pi / 2}, "q2 (upper): shift = -1.571 rad (-90 deg)"),
+        (3, 1, {"sign": -1.0}, "q2 (upper): sign = -1"),
+        (3, 1, {"sign": -1.0, "effort": -1.0}, "sign = -1, and sign = -1 for its effort"),
+        (5, 3, {"shift": -np.pi / 2}, "q4 (joint4): shift = 1.571 rad (90 deg)"),
+        (5, 2, {"sign": -1.0}, "q3 (joint3): sign = -1"),
+    ],
+)
+def test_another_sense_of_a_joint_is_bad_data_and_said(d, j, how, words):
+    run = plants.spatial(1) if d == 3 else plants.serial_arm(d, 1)
+    run = read(run, j, **how)
+    found = hil.diagnose([run], base_model(run.robot))
+    assert found.verdict == "bad-data"
+    ((code, text),) = found.warnings
+    assert code == "posture" and words in text
+
+
+def test_two_joints_in_another_sense_are_both_said():
+    run = read(read(plants.serial_arm(5, 1), 1, sign=-1.0), 3, shift=1.0)
+    found = hil.diagnose([run], base_model(run.robot))
+    assert found.verdict == "bad-data"
+    assert "q2 (joint2): sign = -1" in found.warnings[0][1]
+    said = re.search(r"q4 \(joint4\): shift = (\S+) rad", found.warnings[0][1])
+    assert said and float(said[1]) == pytest.approx(-1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("d", [3, 5])
+def test_an_arm_as_it_is_described_is_read_as_it_is(d):
+    run = plants.spatial(1) if d == 3 else plants.serial_arm(d, 1)
+    problem = Problem([run], run.robot)
+    assert Postures(fit(problem, base_model(run.robot))).best() == [Sense()] * d
+
+
+def test_friction_that_the_model_lacks_is_no_other_posture():
+    run = plants.spatial(1)
+    v = np.gradient(run.q, run.t, axis=0)
+    heavy = replace(run, tau=run.tau + 4.0 * np.tanh(v / 0.02) * np.exp(-((v / 0.3) ** 2)))
+    found = fit(Problem([heavy], run.robot), base_model(run.robot))
+    assert np.max(found.relative) > 10.0
+    assert Postures(found).best() == [Sense()] * 3
+
+
+@pytest.mark.parametrize(
+    ("axis", "numbers"), [((0.0, 9.81, 0.0), "0 9.81 0"), ((0, 0, 0), "0 0 0")]
+)
+def test_gravity_that_acts_otherwise_is_bad_data_with_the_line_for_the_description(axis, numbers):
+    run = plants.serial_arm(5, 1)
+    true = pin.buildModelFromXML(run.robot.urdf)
+    data = true.createData()
+    down = [pin.computeGeneralizedGravity(true, data, q).copy() for q in run.q]
+    true.gravity.linear = np.array(axis, dtype=float)
+    there = [pin.computeGeneralizedGravity(true, data, q).copy() for q in run.q]
+    run = replace(run, tau=run.tau + np.array(there) - np.array(down))
+    found = hil.diagnose([run], base_model(run.robot))
+    assert found.verdict == "bad-data"
+    ((code, text),) = found.warnings
+    assert code == "gravity" and f"<gravity>{numbers}</gravity>" in text
+
+
+def test_columns_in_another_order_are_bad_data_and_said():
+    run = plants.serial_arm(5, 1)
+    order = [2, 1, 0, 3, 4]
+    run = replace(run, q=run.q[:, order].copy(), tau=run.tau[:, order].copy())
+    found = hil.diagnose([run], base_model(run.robot))
+    assert found.verdict == "bad-data"
+    ((code, text),) = found.warnings
+    assert code == "order"
+    assert "joint1 is q3 and tau3, joint3 is q1 and tau1" in text
