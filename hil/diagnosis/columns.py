@@ -32,6 +32,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.diagnosis.constants import HALF, MATTERS, NEAR_FLOOR, OPEN, TENTH, WHOLE, WORTH
+from hil.diagnosis.preconditions import GRAVITY
 from hil.identify.design import head
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -418,26 +419,28 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[tuple
     senses, gravity, order = postures.best(), postures.gravity(), postures.order()
     if order != sorted(order):
         changed = [_ordered(r, order) for r in recordings]
-        found.append((changed, "order", _of_order(result.problem.joints, order)))
+        found.append((changed, "order", _of_order(result.problem.joints, order), OPEN))
     if any(x != Sense() for x in senses):
         columns = np.array([(x.sign, x.shift, x.effort) for x in senses]).T
         changed = [_read(r, *columns) for r in recordings]
-        found.append((changed, "posture", _of_senses(result.problem, senses)))
+        # a quarter of a turn is no chance: what other effects leave may be half of the square then
+        turns = np.array([x.shift for x in senses]) / (np.pi / 2)
+        share = HALF**0.5 if np.all(turns == np.round(turns)) else OPEN
+        found.append((changed, "posture", _of_senses(result.problem, senses), share))
     if gravity is not None:
         changed = [
             replace(r, robot=_in_gravity(result.problem.source, gravity)) for r in recordings
         ]
         numbers = " ".join(f"{x:.3g}" for x in gravity + 0.0)
         text = f"gravity does not act as the robot description says. Write <gravity>{numbers}"
-        found.append((changed, "gravity", f"{text}</gravity> within <robot> of the URDF"))
+        found.append((changed, GRAVITY, f"{text}</gravity> within <robot> of the URDF", OPEN))
     out = []
-    for changed, code, text in found:
+    for changed, code, text, share in found:
         problem = Problem(
             changed, changed[0].robot, result.model.explains, rates=result.problem.rates
         )
         after = fit(problem, replace(result.model, robot=changed[0].robot), sweeps=1)
-        # a robot that shows more than its base model may keep half of the squared error
-        if _fits(after, before, HALF**0.5):
+        if _fits(after, before, share):
             fall = (
                 f"the model's error falls from {before:.3g} to {_size(after):.3g} % of the effort"
             )

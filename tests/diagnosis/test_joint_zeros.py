@@ -121,7 +121,7 @@ def test_gravity_that_acts_otherwise_is_bad_data_with_the_line_for_the_descripti
     found = hil.diagnose([run], base_model(run.robot))
     assert found.verdict == "bad-data"
     ((code, text),) = found.warnings
-    assert code == "gravity" and f"<gravity>{numbers}</gravity>" in text
+    assert code == "description-gravity" and f"<gravity>{numbers}</gravity>" in text
 
 
 def test_columns_in_another_order_are_bad_data_and_said():
