@@ -126,6 +126,9 @@ def explain(
     if isinstance(error, OSError) and error.strerror:
         where = error.filename or "a file or the standard output"
         return f"cannot read or write {where}: {error.strerror}", 2
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):
+        # what pathlib says of it up to Python 3.12
+        return f"{in_short(error)}: it links to itself; give the file that is meant", 2
     if hidden := suspect(error):
         return hidden, 2
     return (

@@ -1,10 +1,14 @@
-"""Which revision of the source runs, on which machine, in how much memory: for what is written."""
+"""How the program is started again, its revision, on which machine, in how much memory."""
 
 from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
+
+#: This program as another process; a file of the working directory does not take its place.
+PROGRAM = (sys.executable, "-P", "-m", "hil")
 
 
 def source_revision() -> tuple[str, str]:

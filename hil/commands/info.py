@@ -32,7 +32,7 @@ from hil.record.mcap_read import (
 from hil.record.recording import UNWRAPPED, Recording
 from hil.record.recovery import recover
 from hil.rig import safety
-from hil.runtime.watchdog import beside, in_words, parsed
+from hil.runtime.watchdog import WATCHDOG, beside, in_words, parsed
 from hil.userfile import read_text
 
 if TYPE_CHECKING:
@@ -141,11 +141,11 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     if target.exists():
         raise ConfigError(f"{target} exists; name a new file for --recover")
     outputs.check(target, ".mcap", sessions)
+    found = summary(sessions[0])
+    trip = _trip(found)
+    more = {} if trip is None else {WATCHDOG: {"report": json.dumps(trip)}}
     with outputs.writing(target):
-        kept, found = recover(sessions[0], target), summary(sessions[0])
-    trip = beside(Path(sessions[0]))
-    if trip.is_file():
-        beside(target).write_bytes(trip.read_bytes())
+        kept = recover(sessions[0], target, more)
     lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
         entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
@@ -229,15 +229,21 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
 
 def _trip(found: SessionSummary) -> dict[str, Any] | None:
     """What the watchdog did in a session: in its record, or beside one that was killed."""
-    recorded = parsed(str(found.metadata.get("watchdog", {}).get("report", "")))
+    recorded = parsed(str(found.metadata.get(WATCHDOG, {}).get("report", "")))
     if recorded:
         return recorded
-    try:
-        return parsed(read_text(beside(Path(found.path)))) or None
-    except FileNotFoundError:
-        return None
-    except (OSError, UnicodeDecodeError) as error:
-        return {"why": "unknown", "cut": f"{beside(Path(found.path))} cannot be read ({error})"}
+    path = Path(found.path)
+    # of a session in parts it stands beside the first
+    first = path.with_name(Path(found.metadata.get("part", {}).get("first", "") or path).name)
+    for report in dict.fromkeys((beside(path), beside(first))):
+        try:
+            if told := parsed(read_text(report)):
+                return told
+        except FileNotFoundError:
+            continue
+        except (OSError, UnicodeDecodeError) as error:
+            return {"why": "unknown", "cut": f"{report} cannot be read ({error})"}
+    return None
 
 
 def _stops(found: SessionSummary) -> list[str]:

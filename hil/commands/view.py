@@ -12,7 +12,6 @@ import os
 import socket
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from io import BytesIO
@@ -29,6 +28,7 @@ from hil.errors import ConfigError, DataError
 from hil.record.container import MAGIC
 from hil.record.layouts import VIEWERS, pages
 from hil.record.recovery import in_use
+from hil.revision import PROGRAM
 from hil.userfile import read_text
 
 EXAMPLE = (
@@ -419,7 +419,7 @@ class Streamer:
 
     def begin(self, path: Path) -> None:
         """Start it beside; the file comes."""
-        words = [sys.executable, "-m", "hil", "view", str(path), "--live", str(self._port)]
+        words = [*PROGRAM, "view", str(path), "--live", str(self._port)]
         self._process = subprocess.Popen(
             [*words, "--expected"],
             stdin=subprocess.DEVNULL,

@@ -275,7 +275,9 @@ def in_use(path: str | Path) -> bool:
     return False
 
 
-def recover(source: str | Path, target: str | Path) -> int:
+def recover(
+    source: str | Path, target: str | Path, more: Mapping[str, Mapping[str, str]] | None = None
+) -> int:
     """Write what a cut-off or damaged session still holds as a complete one.
 
     Parameters
@@ -284,6 +286,8 @@ def recover(source: str | Path, target: str | Path) -> int:
         The session; it is only read.
     target : str or Path
         The new file.
+    more : mapping of str to mapping, optional
+        Further metadata records: what stands beside the session.
 
     Returns
     -------
@@ -306,7 +310,7 @@ def recover(source: str | Path, target: str | Path) -> int:
     largest = max(int(t.sizes.max()) for t in box.topics.values() if len(t))
     with create(target, overwrite=False) as file:
         writer = mcap_writer(file, largest)
-        numbers = _head(writer, box)
+        numbers = _head(writer, box, more or {})
         for name, k in _in_order(box):
             t = box.topics[name]
             writer.add_message(numbers[name], t.times[k], t.data[k], t.times[k], t.sequence[k])
@@ -316,14 +320,14 @@ def recover(source: str | Path, target: str | Path) -> int:
     return kept
 
 
-def _head(writer: Writer, box: Container) -> dict[str, int]:
+def _head(writer: Writer, box: Container, more: Mapping[str, Mapping[str, str]]) -> dict[str, int]:
     """Write all but the messages; the number of each channel."""
     told = {
         "source": Path(box.path).name,
         "unread_bytes": str(box.unread),
         "damaged_records": str(box.damaged),
     }
-    describe(writer, {**box.metadata, RECOVERY: told}, box.attachments)
+    describe(writer, {**box.metadata, **more, RECOVERY: told}, box.attachments)
     schemas: dict[tuple[str, str, bytes], int] = {}
     numbers: dict[str, int] = {}
     for t in box.topics.values():

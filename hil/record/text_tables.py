@@ -49,7 +49,7 @@ PACKED = tuple(_PACKERS)
 _LONGEST_MARK = 8
 #: Bytes that a packed table may have: a sum, and so many times the file.  Numbers as text pack to
 #: a third; what packs to a hundredth is no measurement.
-_ROOM, _RATIO = 2**26, 64
+_ROOM, _RATIO = 2**22, 64
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
 from pathlib import Path
 
 from hil.errors import ConfigError
@@ -20,7 +21,10 @@ SHORTEST, LONGEST = 0.02, 10.0
 #: Largest program that is taken for one, most that its words may have together [byte].
 LARGEST, LONGEST_WORDS = 2**28, 2**14
 #: How a compiled program begins: Linux and BSD, macOS (three kinds).
-_MAGIC = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
+_ELF = b"\x7fELF"
+_MAGIC = (_ELF, b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
+#: Kinds of an ELF file that can be started: a program, and one that lies anywhere.
+_STARTED = (2, 3)
 
 
 def proven(safety: SafetyConfig) -> tuple[str, ...]:
@@ -89,13 +93,41 @@ def _program(name: str, what: str) -> Path:
             "The watchdog could not take the power off."
         ) from error
     if head.startswith(b"#!"):
+        if head.endswith(b"\r\n"):
+            raise ConfigError(
+                f"{what} has the line ends of Windows, with which no interpreter is found; save it "
+                "with those of Unix. The watchdog could not take the power off."
+            )
         _interpreter(head[2:].decode("utf-8", "replace").split(), what)
     elif not head.startswith(_MAGIC):
         raise ConfigError(
             f"{what} is neither a program nor a script: its first line must be #! and its "
             "interpreter, e.g. #!/bin/sh. The watchdog could not take the power off."
         )
+    elif head.startswith(_ELF):
+        _whole(path, what)
     return Path(found).absolute()
+
+
+def _whole(path: Path, what: str) -> None:
+    """Refuse a compiled program that is cut off, or none that can be started.
+
+    Source: Tool Interface Standard, Executable and Linking Format 1.2, 1-4 (header).
+    """
+    with open_regular(path, LARGEST) as file:
+        head, size = file.read(64), path.stat().st_size
+    wide, order = head[4:5] == b"\x02", ">" if head[5:6] == b"\x02" else "<"
+    if len(head) == 64 and head[4:5] in (b"\x01", b"\x02"):
+        kind = struct.unpack_from(f"{order}H", head, 16)[0]
+        # place of the program headers; how long one is, and how many there are
+        start = struct.unpack_from(f"{order}{'Q' if wide else 'I'}", head, 32 if wide else 28)[0]
+        each, count = struct.unpack_from(f"{order}HH", head, 54 if wide else 42)
+        if kind in _STARTED and count and start + each * count <= size:
+            return
+    raise ConfigError(
+        f"{what} begins like a program, but is damaged or cut off. The watchdog could not take the "
+        "power off."
+    )
 
 
 def _interpreter(words: list[str], what: str) -> None:

@@ -137,7 +137,9 @@ class Watchdog:
 
 def latch_of(words: Sequence[str]) -> Path:
     """Where it stands that a program has cut."""
-    name = hashlib.sha256("\0".join(words).encode()).hexdigest()
+    # one program, however its place is spelt
+    program = os.path.realpath(words[0]) if words else ""
+    name = hashlib.sha256("\0".join([program, *words[1:]]).encode()).hexdigest()
     return consent.folder() / "cut" / f"{name}.json"
 
 
@@ -205,9 +207,26 @@ def guarded(
             "switch its power on, then run again with --rearm"
         )
     consent.prepare(latch.parent)
-    with _started(config.watchdog, words, latch, report) as dog:
+    with _room_for(latch), _started(config.watchdog, words, latch, report) as dog:
         latch.unlink(missing_ok=True)
         yield dog
+
+
+@contextlib.contextmanager
+def _room_for(latch: Path) -> Iterator[None]:
+    """Room on the disk for a latch, taken while there is some."""
+    try:
+        watchdog.reserve(latch)
+    except OSError as error:
+        raise DeviceError(
+            f"{latch.parent} takes no file ({error.strerror}), so that a cut could not be "
+            "remembered; free some of its disk, or keep the latches elsewhere: "
+            f"{consent.VARIABLE} = FOLDER"
+        ) from error
+    try:
+        yield
+    finally:
+        watchdog.room(latch).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -31,7 +31,7 @@ from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.session import Operator, Summary, cut_short
 from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
-from hil.runtime.watchdog import in_words
+from hil.runtime.watchdog import WATCHDOG, in_words
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
@@ -291,7 +291,7 @@ class Session:
         try:
             if self.trip:
                 self.writer.event(loop.tick, end_ns, "power-cut", self.trip)
-                self.writer.metadata("watchdog", {"report": json.dumps(self.trip)})
+                self.writer.metadata(WATCHDOG, {"report": json.dumps(self.trip)})
             self.writer.event(loop.tick, end_ns, name, said)
             session.conclude(self.writer, self.statistics, self.arrangement)
             self.writer.close()

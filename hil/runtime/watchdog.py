@@ -31,6 +31,10 @@ LOOP_BEAT, TICK, ENDED, ASKED, ANSWER, DOG_BEAT, CUTS = range(7)
 SHARE, LONGEST = 0.2, 0.1
 #: A cut that fails is tried so often; pause before the next [s], and how long one may take [s].
 ATTEMPTS, PAUSE, LIMIT = 3, 0.2, 10.0
+#: Metadata record of a session with the report.
+WATCHDOG = "watchdog"
+#: Room for a report [byte].
+ROOM = 4096
 
 
 def watch(page: memoryview[int], parent: int, timeout: float) -> str:
@@ -75,13 +79,29 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
 
 
 def write(path: Path, report: Mapping[str, object]) -> None:
-    """Put a report into its place, whole and on the disk."""
-    new = path.with_name(path.name + ".new")
-    with new.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(report) + "\n")
+    """Put a report into its place, whole and on the disk; into the room for it, if there is one."""
+    new = room(path)
+    text = (json.dumps(report) + "\n").encode()
+    with new.open("r+b" if new.exists() else "wb") as file:
+        # no shorter than the room: a full disk takes what lies there already
+        file.write(text.ljust(ROOM))
+        file.truncate()
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+
+
+def room(path: Path) -> Path:
+    """File that becomes a report."""
+    return path.with_name(path.name + ".new")
+
+
+def reserve(path: Path) -> None:
+    """Take the room on the disk that a report will need; `OSError` where there is none."""
+    with room(path).open("wb") as file:
+        file.write(b" " * ROOM)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def beside(session: Path) -> Path:

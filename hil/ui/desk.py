@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, unknown
+from hil.revision import PROGRAM
 from hil.runtime.board import read_board
 from hil.runtime.commands import COMMANDS
 
@@ -49,7 +50,7 @@ class SessionProgram(threading.Thread):
         self.board = Path(tempfile.mkdtemp(prefix="hil-board-")) / "board"
         self.said: deque[str] = deque(maxlen=LINES)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "hil", "run", *words, "--board", str(self.board), "--operator"],
+            [*PROGRAM, "run", *words, "--board", str(self.board), "--operator"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

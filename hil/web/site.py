@@ -116,7 +116,7 @@ def site(
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
-        from starlette.requests import Request
+        from starlette.requests import ClientDisconnect, Request
         from starlette.responses import JSONResponse, Response
         from starlette.routing import Route
     except ImportError as error:
@@ -167,6 +167,8 @@ def site(
                 return JSONResponse(found(_asked(body)))
             except (ValueError, ConfigError) as error:
                 return JSONResponse({"error": str(error)}, 400)
+            except ClientDisconnect:
+                return Response(status_code=400)  # nobody is there to read it
 
         return wrapped
 
@@ -178,6 +180,8 @@ def site(
             return JSONResponse({"path": await _store(request.stream(), folder or Path(), name)})
         except ConfigError as error:
             return JSONResponse({"error": str(error)}, 400)
+        except ClientDisconnect:
+            return Response(status_code=400)
 
     def named(app: Any) -> Any:
         async def wrapped(scope: Any, receive: Any, send: Any) -> None:

@@ -1,13 +1,16 @@
 """A watchdog that is watched: isolated, proven before power, latched after a cut."""
 
+import errno
 import json
 import mmap
 import os
+import shutil
 import signal
 import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from hil.cli import main
 from hil.commands.selftest import selftest
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
+from hil.record.recovery import recover
 from hil.record.schema import decode_numbers
 from hil.rig import cut
 from hil.rig.config import SafetyConfig, load_rig
@@ -169,6 +173,58 @@ def test_a_killed_session_tells_of_its_cut_also_where_it_is_recovered(tmp_path, 
     assert "because it is gone: x returned 1; THE POWER MAY STILL BE ON" in said
 
 
+def test_a_recovered_session_keeps_the_cut_wherever_it_is_moved(tmp_path, capsys, safe):
+    path, new = tmp_path / "s.mcap", tmp_path / "new.mcap"
+    runner.run(load_rig("identify"), 0.3, output=path)
+    watchdog.write(beside(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"})
+    assert main(["info", str(path), "--recover", str(new)]) == 0
+    (tmp_path / "far").mkdir()
+    moved = new.rename(tmp_path / "far" / "moved.mcap")
+    capsys.readouterr()
+    assert main(["info", str(moved)]) == 0
+    assert "because it is gone: x returned 0" in capsys.readouterr().out
+
+
+def test_a_later_part_of_a_session_tells_of_its_cut(tmp_path, capsys, safe):
+    first, part = tmp_path / "s.mcap", tmp_path / "s.part2.mcap"
+    runner.run(load_rig("identify"), 0.3, output=first)
+    told = {"first": "s.mcap", "number": "2", "before": "s.mcap", "why": "its size"}
+    recover(first, part, {"part": told})
+    watchdog.write(beside(first), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"})
+    assert main(["info", str(part)]) == 0
+    assert "because it is gone: x returned 0" in capsys.readouterr().out
+
+
+def test_one_program_has_one_latch_however_it_is_spelt(tmp_path):
+    script = executable(tmp_path / "cut.sh", b"#!/bin/sh\n")
+    (tmp_path / "link").symlink_to(script)
+    (tmp_path / "d").mkdir()
+    spelt = [script, str(tmp_path / "link"), str(tmp_path / "d" / ".." / "cut.sh")]
+    assert len({guard.latch_of((name, "off")) for name in spelt}) == 1
+    assert guard.latch_of((script, "on")) != guard.latch_of((script, "off"))
+
+
+def test_the_room_of_a_latch_is_taken_while_the_disk_has_some(tmp_path, safe, monkeypatch):
+    latch = tmp_path / "latch.json"
+    watchdog.reserve(latch)
+    taken = watchdog.room(latch).stat()
+    watchdog.write(latch, {"why": "x", "cut": "y"})
+    # the same blocks: nothing was asked of a disk that may be full by then
+    assert (latch.stat().st_ino, latch.stat().st_size) == (taken.st_ino, taken.st_size)
+    assert tripped(latch) == {"why": "x", "cut": "y"}
+    with guarded(safe, tmp_path / "s.mcap"):
+        assert watchdog.room(guard.latch_of(cut.proven(safe))).stat().st_size == watchdog.ROOM
+    assert not watchdog.room(guard.latch_of(cut.proven(safe))).exists()
+
+    def full(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(watchdog, "reserve", full)
+    with pytest.raises(DeviceError, match=r"takes no file \(No space left on device\)"):
+        with guarded(safe, tmp_path / "s.mcap"):
+            pass
+
+
 def test_the_latch_stays_where_the_new_watchdog_does_not_answer(tmp_path, safe, monkeypatch):
     latch = guard.latch_of(cut.proven(safe))
     latch.parent.mkdir(parents=True)
@@ -250,6 +306,10 @@ def bad_programs(folder):
     yield [executable(folder / "b", b"#!/usr/bin/env -S no-such-thing\n")], "script for no-such"
     yield [executable(folder / "c", b"#!\n")], "script for nothing"
     yield [executable(folder / "d", b"")], "neither"
+    yield [executable(folder / "e", b"#!/bin/sh\r\necho\n")], "line ends of Windows"
+    whole = Path(shutil.which("true")).read_bytes()
+    yield [executable(folder / "f", whole[:100])], "damaged or cut off"
+    yield [executable(folder / "g", b"\x7fELF" + b"\xff" * 500)], "damaged or cut off"
     os.mkfifo(folder / "pipe", 0o700)
     yield [str(folder / "pipe")], "cannot be read (it is a device or a pipe"
     yield ["touch", "a\0b"], r"'a\x00b' holds a zero byte"

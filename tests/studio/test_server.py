@@ -1,5 +1,6 @@
 """The studio's pages: only for who has the token, nothing from outside, and as a person uses it."""
 
+import asyncio
 import os
 import re
 import shutil
@@ -103,6 +104,26 @@ def test_what_is_no_request_is_said(page, body, status):
     found = client.post("/api/ask", content=body, headers={"X-Hil-Token": TOKEN})
     assert found.status_code == status and found.json()["error"]
     assert not worker.asked
+
+
+@pytest.mark.parametrize("place", ["/api/ask", "/api/file"])
+def test_a_browser_that_leaves_within_a_request_leaves_no_trace(place, tmp_path):
+    worker, sent = Worker(), []
+    app = application(worker, TOKEN, Hosts("testserver"), tmp_path)
+    parts = [{"type": "http.request", "body": b"{", "more_body": True}, {"type": "http.disconnect"}]
+
+    async def receive():
+        return parts.pop(0)
+
+    async def send(message):
+        sent.append(message)
+
+    head = [(b"host", b"testserver"), (b"x-hil-token", TOKEN.encode())]
+    scope = {"type": "http", "method": "POST", "path": place, "query_string": b"name=run.csv"}
+    scope |= {"headers": head, "http_version": "1.1", "scheme": "http", "root_path": ""}
+    asyncio.run(app(scope, receive, send))
+    assert sent[0]["status"] == 400 and not worker.asked
+    assert not [p for p in tmp_path.iterdir() if p.name == "run.csv"]
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from hil.cli import main
 from hil.errors import families, unknown
 from hil.models import catalogue
 from hil.record.export import write_recordings
+from hil.revision import PROGRAM
 
 EFFECT = """
 from dataclasses import dataclass
@@ -186,3 +187,17 @@ def test_names_that_count_up_are_one_in_a_message():
     assert families(names) == found
     assert families([f"a{k}b{k}" for k in range(4)]) == [f"a{k}b{k}" for k in range(4)]
     assert families([f"j{k}.q" for k in range(1, 8)]) == ["j1.q .. j7.q"]
+
+
+def test_a_link_to_itself_is_a_sentence(tmp_path, capsys):
+    (tmp_path / "a.csv").symlink_to(tmp_path / "b.csv")
+    (tmp_path / "b.csv").symlink_to(tmp_path / "a.csv")
+    assert main(["import", str(tmp_path / "a.csv"), "-o", str(tmp_path / "x.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "internal error" not in said and str(tmp_path / "a.csv") in said
+
+
+def test_a_file_of_the_working_directory_does_not_take_the_place_of_the_program(tmp_path):
+    (tmp_path / "hil.py").write_text("raise SystemExit(77)")
+    done = subprocess.run([*PROGRAM, "--version"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("hil ")
