@@ -19,6 +19,7 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -227,6 +228,11 @@ def loading(plugin: Path, modules: Mapping[str, LocalModule]) -> Iterator[None]:
 VARIABLE = "HIL_STATE"
 #: Endings of scripts that an interpreter runs without a right to be run.
 _SCRIPTS = (".bash", ".js", ".lua", ".pl", ".py", ".rb", ".sh", ".tcl", ".zsh")
+#: Programs that run what they are given, whatever it is called; options of theirs with a value.
+_INTERPRETER = re.compile(r"(ba|da|k|z|a|fi)?sh|pythonw?[\d.]*|pypy[\d.]*|perl|ruby|node|lua|tclsh")
+_VALUED = ("-o", "+o", "-O", "+O", "-W", "-X", "--rcfile", "--init-file")
+#: Characters that may make one word look like two, or like another.
+_DOUBTFUL = frozenset(" '\"\\")
 
 
 @dataclass(frozen=True)
@@ -288,24 +294,61 @@ def plugin(
     modules = beside(path, source) if modules is None else modules
     for name, module in modules.items():
         digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(module.source).digest())
-    parts = tuple(str(m.path) for m in modules.values())
-    return Executable("plugin", str(path), digest.hexdigest(), parts)
+    parts = tuple(_shown(m.path) for m in modules.values())
+    return Executable("plugin", _shown(path), digest.hexdigest(), parts)
+
+
+def _shown(path: Path) -> str:
+    """A path as one line."""
+    return str(path) if str(path).isprintable() else repr(str(path))
 
 
 def cut_program(words: Sequence[str]) -> Executable:
     """A command, `words[0]` an absolute path.
 
-    The content counts of the program and of every script that the other words name; what they name
-    else, such as a log, may change.
+    The content counts of the program and of every script that the other words name, also of what
+    an interpreter is given by another name; what they name else, such as a log, may change.
     """
-    digest = hashlib.sha256(b"cut")
+    digest, given = hashlib.sha256(b"cut"), interpreted(words)
     for k, word in enumerate(words):
         digest.update(b"\0" + word.encode())
         path = Path(word)
         # a word may be a whole script, longer than the name of a file may be
-        if os.path.isfile(word) and (k == 0 or _script(path)):
+        if os.path.isfile(word) and (k == 0 or word == given or is_script(path)):
             digest.update(b"\0" + _content(path))
-    return Executable("cut program", " ".join(words), digest.hexdigest())
+    return Executable("cut program", command(words), digest.hexdigest())
+
+
+def command(words: Sequence[str]) -> str:
+    """A command as one line: a word that could be taken for more, or for none, stands in quotes."""
+    return " ".join(w if w and w.isprintable() and not _DOUBTFUL & {*w} else repr(w) for w in words)
+
+
+def interpreted(words: Sequence[str]) -> str:
+    """Name of the script that an interpreter would run; empty where the command runs none."""
+    words = found_by_env(words)
+    if not words or not _INTERPRETER.fullmatch(Path(words[0]).name):
+        return ""
+    rest = iter(words[1:])
+    for word in rest:
+        if word in _VALUED:
+            next(rest, "")
+        elif not word.startswith(("-", "+")):
+            return word
+        elif word[1:2] != "-" and {*word} & {*"cme"}:
+            return ""  # the script itself, or the name of a module, comes next
+    return ""
+
+
+def found_by_env(words: Sequence[str]) -> Sequence[str]:
+    """The command that `env` would run; any other command as it is."""
+    if not words or Path(words[0]).name != "env" or any(w.startswith("-S") for w in words):
+        return words
+    rest = list(words[1:])
+    while rest and (rest[0].startswith("-") or "=" in rest[0]):
+        if rest.pop(0) in ("-u", "-C", "--unset", "--chdir") and rest:
+            del rest[0]
+    return rest
 
 
 def _content(path: Path) -> bytes:
@@ -313,7 +356,7 @@ def _content(path: Path) -> bytes:
         return hashlib.file_digest(file, "sha256").digest()
 
 
-def _script(path: Path) -> bool:
+def is_script(path: Path) -> bool:
     """Whether another program would run the file: it may be run, or is called like a script."""
     return path.suffix in _SCRIPTS or os.access(path, os.X_OK)
 
@@ -333,13 +376,14 @@ def prepare(place: Path) -> None:
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(_unwritable(error)) from error
+        raise ConfigError(unwritable(error, place)) from error
 
 
-def _unwritable(error: OSError) -> str:
+def unwritable(error: OSError, place: Path) -> str:
+    """Sentence about an error at `place`, within `folder`; a full disk names no file."""
     return (
-        f"{error.filename}: {error.strerror}; agreements and latches are kept in {folder()}, give "
-        f"{VARIABLE} = FOLDER to keep them elsewhere"
+        f"{error.filename or place}: {error.strerror}; agreements and latches are "
+        f"kept in {folder()}, give {VARIABLE} = FOLDER to keep them elsewhere"
     )
 
 
@@ -350,7 +394,7 @@ def give(what: Executable) -> None:
     try:
         write_text(place, f"{what.kind}: {what.text}\n")
     except OSError as error:
-        raise ConfigError(_unwritable(error)) from error
+        raise ConfigError(unwritable(error, place)) from error
 
 
 def withdraw(what: Executable) -> None:

@@ -101,12 +101,12 @@ def named(attachments: Mapping[str, bytes]) -> list[str]:
             continue
         try:
             table = parse_toml(content.decode())
-            texts = [f"plugin {p}" for p in plugins(table)]
+            texts = [f"plugin {p if p.isprintable() else repr(p)}" for p in plugins(table)]
             words = _safety(table).cut
         except (ConfigError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             found.append(f"{name} cannot be read: {error}")
             continue
-        texts += [f"cut program {' '.join(words)}"] if words else []
+        texts += [f"cut program {consent.command(words)}"] if words else []
         found += [f"{name} names {text}" for text in texts]
     return found
 

@@ -10,8 +10,11 @@ from __future__ import annotations
 import os
 import shutil
 import struct
+import sys
 from pathlib import Path
+from typing import BinaryIO
 
+from hil.consent import command, found_by_env, interpreted
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
 from hil.userfile import open_regular
@@ -22,9 +25,11 @@ SHORTEST, LONGEST = 0.02, 10.0
 LARGEST, LONGEST_WORDS = 2**28, 2**14
 #: How a compiled program begins: Linux and BSD, macOS (three kinds).
 _ELF = b"\x7fELF"
-_MAGIC = (_ELF, b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
-#: Kinds of an ELF file that can be started: a program, and one that lies anywhere.
-_STARTED = (2, 3)
+_MACH = (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
+#: Kinds of an ELF file that are run, kinds of its segments: what is loaded, who loads it.
+_RUN, _LOAD, _LOADER = (2, 3), 1, 3
+#: Most segments of a program.
+_SEGMENTS = 1000
 
 
 def proven(safety: SafetyConfig) -> tuple[str, ...]:
@@ -55,7 +60,26 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
             "an ordinary process is kept waiting for milliseconds, and no arm may run on for long"
         )
     _words(words)
-    return (str(_program(words[0], f"[safety] cut: {words[0]!r}")), *words[1:])
+    program = str(_program(words[0], f"[safety] cut: {words[0]!r}"))
+    _given((program, *words[1:]))
+    return (program, *words[1:])
+
+
+def _given(words: tuple[str, ...]) -> None:
+    """Refuse a command whose interpreter is given a script that is not there."""
+    inner = found_by_env(words)
+    what = f"[safety] cut: {command(words)!r}"
+    if inner is not words and (not inner or shutil.which(inner[0]) is None):
+        raise ConfigError(
+            f"{what} is to run {inner[0] if inner else 'nothing'}, which is not found. "
+            "The watchdog could not take the power off."
+        )
+    script = interpreted(words)
+    if script and not os.path.isfile(script):
+        raise ConfigError(
+            f"{what} is to run the script {script!r}, which does not exist; give its whole path. "
+            "The watchdog could not take the power off."
+        )
 
 
 def _words(words: tuple[str, ...]) -> None:
@@ -87,51 +111,78 @@ def _program(name: str, what: str) -> Path:
     try:
         with open_regular(path, LARGEST) as file:
             head = file.readline(256)
+            broken = _broken(file) if head.startswith(_ELF) else ""
     except OSError as error:
         raise ConfigError(
             f"{what} cannot be read ({error.strerror}), so it cannot be known what would run. "
             "The watchdog could not take the power off."
         ) from error
     if head.startswith(b"#!"):
-        if head.endswith(b"\r\n"):
-            raise ConfigError(
-                f"{what} has the line ends of Windows, with which no interpreter is found; save it "
-                "with those of Unix. The watchdog could not take the power off."
-            )
-        _interpreter(head[2:].decode("utf-8", "replace").split(), what)
-    elif not head.startswith(_MAGIC):
+        _interpreter(head[2:].decode("utf-8", "replace").rstrip("\n"), what)
+    elif broken:
+        raise ConfigError(
+            f"{what} is a damaged program ({broken}), which cannot be run; install it again. "
+            "The watchdog could not take the power off."
+        )
+    elif not head.startswith(_MACH if sys.platform == "darwin" else _ELF):
         raise ConfigError(
             f"{what} is neither a program nor a script: its first line must be #! and its "
             "interpreter, e.g. #!/bin/sh. The watchdog could not take the power off."
         )
-    elif head.startswith(_ELF):
-        _whole(path, what)
     return Path(found).absolute()
 
 
-def _whole(path: Path, what: str) -> None:
-    """Refuse a compiled program that is cut off, or none that can be started.
+def _broken(file: BinaryIO) -> str:
+    """Why an ELF file cannot be run here; empty where nothing speaks against it."""
+    size = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    head = file.read(64)
+    if len(head) < 64 or head[4] not in (1, 2) or head[5] != 1 + (sys.byteorder == "big"):
+        return "its header is not whole, or of another kind of machine"
+    wide, order = head[4] == 2, "<" if sys.byteorder == "little" else ">"
+    (kind,) = struct.unpack_from(f"{order}H", head, 16)
+    (start,) = struct.unpack_from(order + "IQ"[wide], head, 32 if wide else 28)
+    each, count = struct.unpack_from(f"{order}HH", head, 54 if wide else 42)
+    if kind not in _RUN or not 0 < count <= _SEGMENTS or each != (56 if wide else 32):
+        return "its header is not that of a program"
+    if start + count * each > size:
+        return "it is cut off"
+    file.seek(start)
+    table, loads = file.read(count * each), 0
+    for at in range(0, len(table), each):
+        (segment,) = struct.unpack_from(f"{order}I", table, at)
+        if segment not in (_LOAD, _LOADER):
+            continue
+        at += 8 if wide else 4
+        offset, length = struct.unpack_from(f"{order}Q16xQ" if wide else f"{order}I8xI", table, at)
+        if offset + length > size:
+            return "it is cut off"
+        loads += segment == _LOAD
+        file.seek(offset)
+        loader = file.read(min(length, 4096)).rstrip(b"\0") if segment == _LOADER else b"/"
+        if not os.path.exists(loader):
+            return f"it needs {os.fsdecode(loader)!r}, which does not exist"
+    return "" if loads else "nothing of it would be loaded"
 
-    Source: Tool Interface Standard, Executable and Linking Format 1.2, 1-4 (header).
+
+def _interpreter(line: str, what: str) -> None:
+    """Refuse a script whose interpreter, or what `env` is to find for it, is not there.
+
+    The system takes the line as it is: it ends in LF, a CR belongs to the last word, and a name
+    without a folder is not looked for in PATH.
     """
-    with open_regular(path, LARGEST) as file:
-        head, size = file.read(64), path.stat().st_size
-    wide, order = head[4:5] == b"\x02", ">" if head[5:6] == b"\x02" else "<"
-    if len(head) == 64 and head[4:5] in (b"\x01", b"\x02"):
-        kind = struct.unpack_from(f"{order}H", head, 16)[0]
-        # place of the program headers; how long one is, and how many there are
-        start = struct.unpack_from(f"{order}{'Q' if wide else 'I'}", head, 32 if wide else 28)[0]
-        each, count = struct.unpack_from(f"{order}HH", head, 54 if wide else 42)
-        if kind in _STARTED and count and start + each * count <= size:
-            return
-    raise ConfigError(
-        f"{what} begins like a program, but is damaged or cut off. The watchdog could not take the "
-        "power off."
-    )
-
-
-def _interpreter(words: list[str], what: str) -> None:
-    """Refuse a script whose interpreter, or what `env` is to find for it, is not there."""
+    if "\r" in line:
+        raise ConfigError(
+            f"{what} is a script whose first line ends in CR LF, so its interpreter is not found; "
+            "save it with LF line ends. The watchdog could not take the power off."
+        )
+    words = [w for w in line.replace("\t", " ").split(" ") if w]
+    if words and not os.path.isabs(words[0]):
+        raise ConfigError(
+            f"{what} is a script for {words[0]!r}, which is looked for in the working directory "
+            f"alone; give its whole path, e.g. #!/usr/bin/env {words[0]}. "
+            "The watchdog could not take the power off."
+        )
     plain = [w for w in words[1:] if not w.startswith("-") and "=" not in w]
     asked = [words[0], *plain[:1]] if words and Path(words[0]).name == "env" else words[:1]
     missing = [w for w in asked if shutil.which(w) is None]

@@ -105,7 +105,9 @@ class Watchdog:
             return {}
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._child.wait(CUTTING)
-        return tripped(self._report) or {"why": "unknown", "cut": "the watchdog left no report"}
+        # the latch, too, tells of it, where the disk of the session is full
+        told = tripped(self._report) or tripped(self._latch)
+        return told or {"why": "unknown", "cut": "the watchdog left no report"}
 
     def proved(self) -> dict[str, Any]:
         """As `trip`, after a cut that was asked for, by not beating; its latch is taken back."""
@@ -136,16 +138,26 @@ class Watchdog:
 
 
 def latch_of(words: Sequence[str]) -> Path:
-    """Where it stands that a program has cut."""
-    # one program, however its place is spelt
-    program = os.path.realpath(words[0]) if words else ""
-    name = hashlib.sha256("\0".join([program, *words[1:]]).encode()).hexdigest()
-    return consent.folder() / "cut" / f"{name}.json"
+    """Where it stands that a program has cut; the same however the paths among `words` are spelled.
+
+    A path counts as the file that it leads to; the name of a file in the working directory only
+    where it is a script, because any other word may have such a name by chance.
+    """
+    plain = [os.path.realpath(word) if _is_path(word) else word for word in words[1:]]
+    key = "\0".join([os.path.realpath(words[0]), *plain])
+    return consent.folder() / "cut" / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
+
+
+def _is_path(word: str) -> bool:
+    return os.path.exists(word) and (os.sep in word or consent.is_script(Path(word)))
 
 
 def latched(words: Sequence[str]) -> str:
     """Why no session may start with this program: it has cut before; empty if it may."""
-    trip = tripped(latch_of(words))
+    latch = latch_of(words)
+    trip = tripped(latch)
+    if not trip and latch.exists():
+        trip = {"why": "unknown", "cut": f"{latch} is empty"}
     if not trip:
         return ""
     when, at = trip.get("time_s"), ""
@@ -206,31 +218,36 @@ def guarded(
             f"the power of this rig was cut and stays off: {why}. Find out why, look at the rig, "
             "switch its power on, then run again with --rearm"
         )
-    consent.prepare(latch.parent)
-    with _room_for(latch), _started(config.watchdog, words, latch, report) as dog:
+    with (
+        _reserved(latch) as reserve,
+        _started(config.watchdog, words, latch, report, reserve) as dog,
+    ):
         latch.unlink(missing_ok=True)
         yield dog
 
 
 @contextlib.contextmanager
-def _room_for(latch: Path) -> Iterator[None]:
-    """Room on the disk for a latch, taken while there is some."""
+def _reserved(latch: Path) -> Iterator[Path]:
+    """A latch made before it is needed: a disk that fills up during the session cannot lose it."""
+    consent.prepare(latch.parent)
+    reserve = latch.with_name(f"{latch.name}.{os.getpid()}.reserve")
     try:
-        watchdog.reserve(latch)
+        watchdog.write(reserve, watchdog.UNTOLD)
     except OSError as error:
-        raise DeviceError(
-            f"{latch.parent} takes no file ({error.strerror}), so that a cut could not be "
-            "remembered; free some of its disk, or keep the latches elsewhere: "
-            f"{consent.VARIABLE} = FOLDER"
+        reserve.unlink(missing_ok=True)
+        raise ConfigError(
+            f"the watchdog's latch cannot be prepared: {consent.unwritable(error, reserve)}"
         ) from error
     try:
-        yield
+        yield reserve
     finally:
-        watchdog.room(latch).unlink(missing_ok=True)
+        reserve.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def _started(timeout: float, words: Sequence[str], latch: Path, report: Path) -> Iterator[Watchdog]:
+def _started(
+    timeout: float, words: Sequence[str], latch: Path, report: Path, reserve: Path
+) -> Iterator[Watchdog]:
     """A process that has answered."""
     with tempfile.TemporaryFile() as file:
         file.truncate(mmap.PAGESIZE)
@@ -238,7 +255,7 @@ def _started(timeout: float, words: Sequence[str], latch: Path, report: Path) ->
             mmap.mmap(file.fileno(), mmap.PAGESIZE) as raw,
             memoryview(raw).cast("q") as page,
         ):
-            child = _process(file.fileno(), timeout, words, latch, report)
+            child = _process(file.fileno(), timeout, words, latch, report, reserve)
             dog = Watchdog(page, child, timeout, report, latch)
             try:
                 if not dog.answers():
@@ -255,7 +272,7 @@ def _started(timeout: float, words: Sequence[str], latch: Path, report: Path) ->
 
 
 def _process(
-    page: int, timeout: float, words: Sequence[str], latch: Path, report: Path
+    page: int, timeout: float, words: Sequence[str], latch: Path, report: Path, reserve: Path
 ) -> subprocess.Popen[bytes]:
     # told, not asked: the loop may be gone before this process has begun
     told = {
@@ -264,6 +281,7 @@ def _process(
         "cut": list(words),
         "report": str(report),
         "latch": str(latch),
+        "reserve": str(reserve),
     }
     command = [sys.executable, *ISOLATED, watchdog.__file__, str(page), json.dumps(told)]
     try:

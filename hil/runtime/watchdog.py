@@ -11,6 +11,7 @@ place.  `hil.runtime.guard` is the loop's end of the page.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import mmap
 import os
@@ -33,8 +34,8 @@ SHARE, LONGEST = 0.2, 0.1
 ATTEMPTS, PAUSE, LIMIT = 3, 0.2, 10.0
 #: Metadata record of a session with the report.
 WATCHDOG = "watchdog"
-#: Room for a report [byte].
-ROOM = 4096
+#: What a latch says where the disk had no room for more.
+UNTOLD = {"why": "unknown (the disk had no room for it)", "worked": False, "cut": "has begun"}
 
 
 def watch(page: memoryview[int], parent: int, timeout: float) -> str:
@@ -79,29 +80,13 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
 
 
 def write(path: Path, report: Mapping[str, object]) -> None:
-    """Put a report into its place, whole and on the disk; into the room for it, if there is one."""
-    new = room(path)
-    text = (json.dumps(report) + "\n").encode()
-    with new.open("r+b" if new.exists() else "wb") as file:
-        # no shorter than the room: a full disk takes what lies there already
-        file.write(text.ljust(ROOM))
-        file.truncate()
+    """Put a report into its place, whole and on the disk."""
+    new = path.with_name(path.name + ".new")
+    with new.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(report) + "\n")
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
-
-
-def room(path: Path) -> Path:
-    """File that becomes a report."""
-    return path.with_name(path.name + ".new")
-
-
-def reserve(path: Path) -> None:
-    """Take the room on the disk that a report will need; `OSError` where there is none."""
-    with room(path).open("wb") as file:
-        file.write(b" " * ROOM)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def beside(session: Path) -> Path:
@@ -144,6 +129,10 @@ def act(page: memoryview[int], told: Mapping[str, Any], why: str) -> None:
     silent = (time.monotonic_ns() - beat_ns) * 1e-9 if beat_ns else None
     report = {"why": why, "last_tick": tick, "silent_s": silent, "time_s": time.time()}
     places = [Path(told[name]) for name in ("latch", "report")]
+    if told.get("reserve"):
+        # a new name takes no room, and a full disk must not lose the latch
+        with contextlib.suppress(OSError):
+            os.replace(told["reserve"], places[0])
     trouble = _written(places[:1], {**report, "worked": False, "cut": "has begun"})
     worked, done = cut(told["cut"])
     whole = {**report, "worked": worked, "cut": done}

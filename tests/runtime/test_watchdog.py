@@ -195,36 +195,6 @@ def test_a_later_part_of_a_session_tells_of_its_cut(tmp_path, capsys, safe):
     assert "because it is gone: x returned 0" in capsys.readouterr().out
 
 
-def test_one_program_has_one_latch_however_it_is_spelt(tmp_path):
-    script = executable(tmp_path / "cut.sh", b"#!/bin/sh\n")
-    (tmp_path / "link").symlink_to(script)
-    (tmp_path / "d").mkdir()
-    spelt = [script, str(tmp_path / "link"), str(tmp_path / "d" / ".." / "cut.sh")]
-    assert len({guard.latch_of((name, "off")) for name in spelt}) == 1
-    assert guard.latch_of((script, "on")) != guard.latch_of((script, "off"))
-
-
-def test_the_room_of_a_latch_is_taken_while_the_disk_has_some(tmp_path, safe, monkeypatch):
-    latch = tmp_path / "latch.json"
-    watchdog.reserve(latch)
-    taken = watchdog.room(latch).stat()
-    watchdog.write(latch, {"why": "x", "cut": "y"})
-    # the same blocks: nothing was asked of a disk that may be full by then
-    assert (latch.stat().st_ino, latch.stat().st_size) == (taken.st_ino, taken.st_size)
-    assert tripped(latch) == {"why": "x", "cut": "y"}
-    with guarded(safe, tmp_path / "s.mcap"):
-        assert watchdog.room(guard.latch_of(cut.proven(safe))).stat().st_size == watchdog.ROOM
-    assert not watchdog.room(guard.latch_of(cut.proven(safe))).exists()
-
-    def full(path):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(watchdog, "reserve", full)
-    with pytest.raises(DeviceError, match=r"takes no file \(No space left on device\)"):
-        with guarded(safe, tmp_path / "s.mcap"):
-            pass
-
-
 def test_the_latch_stays_where_the_new_watchdog_does_not_answer(tmp_path, safe, monkeypatch):
     latch = guard.latch_of(cut.proven(safe))
     latch.parent.mkdir(parents=True)
@@ -280,6 +250,74 @@ def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):
     assert capsys.readouterr().err.count("cannot be written") == 3
 
 
+def spellings(folder):
+    """Commands that run one script."""
+    script = executable(folder / "cut.sh", b"#!/bin/sh\nexit 0\n")
+    (folder / "inner").mkdir()
+    (folder / "link").symlink_to(script)
+    others = (f"{folder}/inner/../cut.sh", f"{folder}/link", f"{folder}//./cut.sh", "./cut.sh")
+    yield from ((other, "x") for other in (script, *others))
+
+
+def test_a_latch_holds_for_every_spelling_of_a_path(tmp_path, state, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    all_words = list(spellings(tmp_path))
+    latch = guard.latch_of(cut.proven(SafetyConfig(watchdog=1.0, cut=all_words[0])))
+    latch.parent.mkdir(parents=True)
+    watchdog.write(latch, {"why": "x", "cut": "y"})
+    for words in all_words:
+        assert guard.latched(cut.proven(SafetyConfig(watchdog=1.0, cut=words))), words
+    other = cut.proven(SafetyConfig(watchdog=1.0, cut=(*all_words[0][:1], "y")))
+    assert not guard.latched(other)
+    # a script that an interpreter is given
+    names = {guard.latch_of(("/bin/sh", words[0])) for words in all_words}
+    assert len(names) == 1 and guard.latch_of(("/bin/sh", "cut.sh")) in names
+    # a file that is there by chance
+    (tmp_path / "OUT=0").write_text("")
+    assert guard.latch_of(("/bin/true", "OUT=0")) == guard.latch_of(("/bin/true", "OUT=0"))
+    before = guard.latch_of(("/bin/true", "OUT=0"))
+    monkeypatch.chdir("/")
+    assert guard.latch_of(("/bin/true", "OUT=0")) == before
+
+
+def test_an_empty_latch_is_one(safe):
+    words = cut.proven(safe)
+    guard.latch_of(words).parent.mkdir(parents=True)
+    guard.latch_of(words).write_text("")
+    assert "is empty" in guard.latched(words)
+
+
+@pytest.mark.real_time
+def test_a_disk_that_fills_up_does_not_lose_the_latch(tmp_path, safe):
+    path, words = tmp_path / "s.mcap", cut.proven(safe)
+    with guarded(safe, path) as dog:
+        # writes fail, as on a full disk; a new name takes no room
+        guard.latch_of(words).with_name(guard.latch_of(words).name + ".new").mkdir()
+        beside(path).with_name(beside(path).name + ".new").mkdir()
+        assert dog.beat(1) == 0
+        until(lambda: not dog.alive)
+        told = dog.trip()
+    assert (tmp_path / "mark").exists() and "no room" in told["why"]
+    with pytest.raises(DeviceError, match=r"has begun; THE POWER MAY STILL BE ON\. Find out why"):
+        with guarded(safe, path):
+            pass
+    assert len(list(guard.latch_of(words).parent.glob("*.reserve"))) == 0
+
+
+def test_no_session_starts_without_room_for_its_latch(tmp_path, safe, monkeypatch):
+    def full(path, report):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(watchdog, "write", full)
+        with pytest.raises(ConfigError, match=r"latch cannot be prepared: .*reserve: No space"):
+            with guarded(safe, tmp_path / "s.mcap"):
+                pass
+    with guarded(safe, tmp_path / "s.mcap") as dog:
+        assert dog.alive
+    assert not list(guard.latch_of(cut.proven(safe)).parent.iterdir())
+
+
 @pytest.mark.parametrize(
     "text", ["", "null", "[1]", "{", '{"silent_s": "x"}', "\xff", '{"a": 1}', "[" * 10**5]
 )
@@ -306,10 +344,15 @@ def bad_programs(folder):
     yield [executable(folder / "b", b"#!/usr/bin/env -S no-such-thing\n")], "script for no-such"
     yield [executable(folder / "c", b"#!\n")], "script for nothing"
     yield [executable(folder / "d", b"")], "neither"
-    yield [executable(folder / "e", b"#!/bin/sh\r\necho\n")], "line ends of Windows"
+    yield [executable(folder / "e", b"#!/bin/sh\r\ntrue\r\n")], "first line ends in CR LF"
+    yield [executable(folder / "f", b"#!sh\n")], "looked for in the working directory"
     whole = Path(shutil.which("true")).read_bytes()
-    yield [executable(folder / "f", whole[:100])], "damaged or cut off"
-    yield [executable(folder / "g", b"\x7fELF" + b"\xff" * 500)], "damaged or cut off"
+    yield [executable(folder / "g", b"\x7fELFgarbage")], "damaged program (its header is not whole"
+    yield [executable(folder / "h", b"\x7fELF" + b"x" * 200)], "damaged program (its header"
+    yield [executable(folder / "i", whole[: len(whole) // 2])], "damaged program (it is cut off)"
+    yield [executable(folder / "j", whole[:64] + bytes(len(whole)))], "damaged program (nothing"
+    yield ["/bin/sh", "/nonexistent"], "the script '/nonexistent', which does not exist"
+    yield ["/usr/bin/env", "A=1", "no-such-thing"], "no-such-thing, which is not found"
     os.mkfifo(folder / "pipe", 0o700)
     yield [str(folder / "pipe")], "cannot be read (it is a device or a pipe"
     yield ["touch", "a\0b"], r"'a\x00b' holds a zero byte"
@@ -363,6 +406,8 @@ def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
     for name in ("touch", "./ok", str(tmp_path / "ok")):
         words = cut.proven(SafetyConfig(watchdog=1.0, cut=(name, "x")))
         assert os.path.isabs(words[0]) and words[1:] == ("x",)
+    for words in (("env", "A=1", "sh", "ok"), ("sh", "-c", "no such"), ("bash", "-o", "x", "ok")):
+        assert cut.proven(SafetyConfig(watchdog=1.0, cut=words))[1:] == words[1:]
     # a script as a word, longer than a name of a file may be
     assert consent.cut_program(("/bin/sh", "-c", "true;" * 100)).digest
     assert cut.proven(SafetyConfig()) == ()
@@ -458,6 +503,19 @@ def test_what_counts_of_a_cut_program(tmp_path):
     assert consent.cut_program(words[:2]).digest != before.digest
     script.write_text("print(2)")
     assert consent.cut_program(words).digest != before.digest
+    # a script is one by whatever name an interpreter is given it
+    plain = tmp_path / "off"
+    for command in (["/bin/sh", "-x", str(plain)], ["/usr/bin/env", "A=1", "python3", str(plain)]):
+        plain.write_text("1")
+        before = consent.cut_program(command).digest
+        plain.write_text("2")
+        assert consent.cut_program(command).digest != before
+
+
+def test_what_would_run_is_shown_on_one_line_word_by_word(tmp_path, state):
+    shown = consent.cut_program(["/bin/sh", "-c", "x\ny.toml: runs nothing\u202e", "a b", ""]).text
+    assert shown == r"/bin/sh -c 'x\ny.toml: runs nothing\u202e' 'a b' ''"
+    assert "\n" not in consent.plugin(tmp_path / "a\nb.py", b"").text
 
 
 def test_agreements_are_kept_in_the_users_folder(monkeypatch, tmp_path):
