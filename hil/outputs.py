@@ -6,6 +6,7 @@ anything else that stands at the place is refused or kept aside.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -82,8 +83,8 @@ def writable(path: Path) -> None:
         raise ConfigError(f"cannot write {path}: it is a folder; name a file in it")
     there = path.exists()
     try:
-        with path.open("ab"):
-            pass
+        # a pipe that nobody reads is an error, and no reason to wait
+        os.close(os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK, 0o666))
         if not there:
             path.resolve().unlink()
     except OSError as error:
@@ -156,6 +157,8 @@ def keep_old(path: Path) -> None:
     """Move a session that stands at the output's place aside: no recording is written over."""
     if not path.exists():
         return
+    if path.is_dir():
+        raise ConfigError(f"cannot write {path}: it is a folder; name a file in it")
     # only where a file is there
     from hil.record.recovery import in_use
     from hil.runtime.watchdog import beside

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 import shutil
 import sys
@@ -66,12 +67,13 @@ class Quoting:
 
     Parameters
     ----------
-    stream : TextIO
-        Where to; all else is asked of it.
+    stream : TextIO or None
+        Where to; all else is asked of it.  None: it was closed (``>&-``), and takes it nowhere.
     """
 
-    def __init__(self, stream: TextIO) -> None:
-        self.stream = stream
+    def __init__(self, stream: TextIO | None) -> None:
+        # the next file that is opened would be in its place
+        self.stream = open(os.devnull, "w") if stream is None else stream
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
@@ -95,7 +97,7 @@ class Quoting:
 
 @contextlib.contextmanager
 def quoted() -> Iterator[None]:
-    """Standard output and error quote what they print, within."""
+    """Standard output and error quote what they print, within; a closed one takes it nowhere."""
     before = sys.stdout, sys.stderr
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

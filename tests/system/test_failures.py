@@ -201,3 +201,23 @@ def test_a_file_of_the_working_directory_does_not_take_the_place_of_the_program(
     (tmp_path / "hil.py").write_text("raise SystemExit(77)")
     done = subprocess.run([*PROGRAM, "--version"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.startswith("hil ")
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_a_closed_standard_stream_takes_what_is_printed_nowhere(closed, tmp_path):
+    there = "1>'seen'" if closed == "2>&-" else "2>'seen'" if closed == ">&-" else ""
+    line = f"'{sys.executable}' -m hil effects stribeck {there} {closed}"
+    assert subprocess.run(["/bin/sh", "-c", line], cwd=tmp_path).returncode == 0
+    assert "Traceback" not in ((tmp_path / "seen").read_text() if there else "")
+
+
+def test_a_pipe_that_nobody_reads_is_no_output(tmp_path, capsys):
+    os.mkfifo(tmp_path / "x.mcap")
+    (tmp_path / "a.csv").write_text("t,q1,tau1\n0,0,0\n0.01,0.1,0\n")
+    assert main(["import", str(tmp_path / "a.csv"), "-o", str(tmp_path / "x.mcap")]) == 2
+    assert "cannot write" in capsys.readouterr().err
+
+
+def test_a_session_without_a_name_is_a_sentence(capsys):
+    assert main(["run", "identify", "--seconds", "0.1", "-o", ""]) == 2
+    assert "it is a folder; name a file" in capsys.readouterr().err
