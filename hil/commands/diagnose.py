@@ -65,10 +65,12 @@ SENTENCES = {
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
     lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
+    if not d.ladder:
+        return "\n".join([*lines, *dict.fromkeys(f"  {ended(w)}" for _, w in d.warnings)])
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for _, w in d.warnings]
     else:
-        lines += [f"  {w}" for w in doubts(d.warnings) if d.ladder]
+        lines += [f"  {w}" for w in doubts(d.warnings)]
     lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
@@ -81,8 +83,6 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     if d.network:
         lines += ["", "How much of the remaining error functions without a name could explain"]
         lines += [f"  - {line}" for line in told(d.network)]
-    if not d.ladder:
-        return "\n".join([*lines, *(f"  {w}" for _, w in d.warnings)])
     lines += ["", ladder_text(d)]
     if d.result.model.explains == "motor":
         lines += ["", multi_text(rungs)]

@@ -271,7 +271,8 @@ def _other_gravity(every: Sequence[Weighed]) -> str:
         (
             0.0,
             "the efforts hold no gravity",
-            "were they recorded after a gravity compensation, or does the robot lie flat?",
+            "are they too small by the ratio of a gear or by a unit? Or were they recorded after a "
+            "gravity compensation, or does the robot lie flat?",
             "0 0 0",
         ),
         (-1.0, "gravity acts upwards", "does the robot hang from a ceiling?", "0 0 9.81"),
