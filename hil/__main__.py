@@ -77,6 +77,8 @@ def _away_from_here() -> None:
     except OSError:  # it was deleted
         return
     own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    if sys.flags.safe_path:  # it is not there, or the user has put it there
+        return
     if sys.path and sys.path[0] == here and not os.path.samefile(here, own):
         del sys.path[0]
 

@@ -13,6 +13,7 @@ import socket
 import struct
 import subprocess
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -20,12 +21,13 @@ from typing import Any, Protocol
 
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from hil import outputs, terminal
 from hil.errors import ConfigError, DataError
-from hil.record.container import MAGIC
+from hil.record.container import MAGIC, RATIO
 from hil.record.layouts import VIEWERS, pages
 from hil.record.recovery import in_use
 from hil.revision import PROGRAM
@@ -47,6 +49,12 @@ _PATIENCE, _NEXT, _QUIET = 60.0, 0.3, 1.0
 _BACKLOG = 16_384
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQII")
+#: All chunks together may unpack to so many bytes, and to a ratio of the file.
+_ROOM = 2**26
+#: What reading a damaged record raises.
+_UNREADABLE = (struct.error, zstandard.ZstdError, McapError, ValueError, OverflowError, MemoryError)
+#: No session is silent for so long within; a time beyond is a damaged one, and not waited for [s].
+_SILENT = 60.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -120,46 +128,77 @@ class Tail:
 
     Attributes
     ----------
+    name : str
+        Of the file.
     ended : bool
         Whether the writer has closed it.
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("rb", buffering=0)
+        self._file, self.name = path.open("rb", buffering=0), str(path)
         self._rest, self._begun = b"", False
         self._unpack = zstandard.ZstdDecompressor()
+        self._size, self._claimed = 0, 0
         self.ended = False
 
     def new(self) -> Iterator[tuple[int, bytes]]:
-        """Opcode and content of every record that came since, those in chunks one by one."""
-        data = self._rest + self._file.read()
+        """Opcode and content of every record that came since, those in chunks one by one.
+
+        Raises
+        ------
+        DataError
+            If a chunk is damaged, or claims more than a file of this size may hold.
+        """
+        fresh = self._file.read()
+        self._size += len(fresh)
+        data = self._rest + fresh
         at = 0
         if not self._begun and len(data) >= len(MAGIC):
             self._begun, at = True, len(MAGIC)
         for opcode, start, end in _records(data, at) if self._begun else ():
             at = end
             if opcode == Opcode.CHUNK:
-                yield from self._opened(data[start:end])
+                inner = self._opened(data[start:end])
+                yield from ((code, inner[a:b]) for code, a, b in _records(inner, 0))
             elif opcode == Opcode.FOOTER:
                 self.ended = True
             else:
                 yield opcode, data[start:end]
         self._rest = data[at:]
 
-    def _opened(self, chunk: bytes) -> Iterator[tuple[int, bytes]]:
-        _, _, size, _, n = _CHUNK.unpack_from(chunk)
-        kind = chunk[_CHUNK.size : _CHUNK.size + n]
-        inner = chunk[_CHUNK.size + n + 8 :]
-        if kind == b"zstd":
-            inner = self._unpack.decompress(inner, max_output_size=size)
-        elif kind:
-            raise DataError(f"{self._file.name}: chunks packed by {kind.decode()} are not streamed")
-        for opcode, start, end in _records(inner, 0):
-            yield opcode, inner[start:end]
+    def _opened(self, chunk: bytes) -> bytes:
+        """Records of a chunk, whose checksum is right."""
+        try:
+            _, _, size, checksum, n = _CHUNK.unpack_from(chunk)
+            kind = chunk[_CHUNK.size : _CHUNK.size + n]
+            inner = chunk[_CHUNK.size + n + 8 :]
+            if kind and not kind.isalnum():
+                raise ValueError("its compression has no name")
+            if kind == b"zstd":
+                size = max(size, zstandard.frame_content_size(inner))
+                self._claimed += size
+                if self._claimed > _ROOM + RATIO * self._size:
+                    raise ValueError("it claims more than a file of this size may hold")
+                inner = self._unpack.decompress(inner, max_output_size=size)
+            if checksum and zlib.crc32(inner) != checksum:
+                raise ValueError("its checksum is wrong")
+        except _UNREADABLE as error:
+            raise damaged(self.name, f"a chunk cannot be read ({error})") from error
+        if kind not in (b"", b"zstd"):
+            raise DataError(f"{self.name}: chunks packed by {kind!r} are not streamed")
+        return inner
 
     def close(self) -> None:
         """Let go of the file."""
         self._file.close()
+
+
+def damaged(path: str | Path, why: str) -> DataError:
+    """Error about a session that is not streamed further."""
+    return DataError(
+        f"session {path} is damaged: {why}. What came before has been streamed; "
+        f"'hil info {path} --recover NEW.mcap' writes what can be read"
+    )
 
 
 def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
@@ -199,27 +238,32 @@ def follow(path: Path, sink: Sink, expected: bool = False) -> None:
         Takes it.
     expected : bool
         The recording begins now: nothing of it is left out.
+
+    Raises
+    ------
+    DataError
+        If a record of it is damaged; what came before was given.
     """
     now = expected or in_use(path)
     tail, feed = Tail(path), _Feed(sink, now)
-    if now and not expected:
-        for record in tail.new():
-            feed.take(*record, silent=True)
-    quiet, number = 0.0, 1
-    while True:
-        before = feed.count
-        for record in tail.new():
-            feed.take(*record)
-        quiet = 0.0 if feed.count > before else quiet + _LOOKED
-        if (tail.ended or quiet > _QUIET) and not in_use(path):
-            number += 1
-            part = _next_part(path, number) if now else None
-            if part is None:
-                break
-            tail.close()
-            path, tail, quiet = part, Tail(part), 0.0
-        time.sleep(_LOOKED)
-    tail.close()
+    try:
+        if now and not expected:
+            feed.all_of(tail, silent=True)
+        quiet, number = 0.0, 1
+        while True:
+            before = feed.count
+            feed.all_of(tail)
+            quiet = 0.0 if feed.count > before else quiet + _LOOKED
+            if (tail.ended or quiet > _QUIET) and not in_use(path):
+                number += 1
+                part = _next_part(path, number) if now else None
+                if part is None:
+                    break
+                tail.close()
+                path, tail, quiet = part, Tail(part), 0.0
+            time.sleep(_LOOKED)
+    finally:
+        tail.close()
 
 
 def _next_part(path: Path, number: int) -> Path | None:
@@ -238,24 +282,41 @@ class _Feed:
     """Hands records to a sink: at once where they are recorded now, else at their pace."""
 
     def __init__(self, sink: Sink, now: bool) -> None:
-        self._sink, self._now, self._schemas = sink, now, dict[int, Schema]()
+        self._sink, self._now = sink, now
+        self._schemas, self._known = dict[int, Schema](), set[int]()
         self._origin: float | None = None
         self.count = 0
 
-    def take(self, opcode: int, data: bytes, silent: bool = False) -> None:
-        """Take a record; of a message nothing where it is to be silent."""
+    def all_of(self, tail: Tail, silent: bool = False) -> None:
+        """Take what has come to a file; of messages nothing where it is to be silent."""
+        for opcode, data in tail.new():
+            try:
+                self._take(opcode, data, silent)
+            except _UNREADABLE as error:
+                why = f"what follows message {self.count} cannot be read"
+                raise damaged(tail.name, f"{why} ({type(error).__name__})") from error
+
+    def _take(self, opcode: int, data: bytes, silent: bool) -> None:
         if opcode == Opcode.MESSAGE:
-            self.count += 1
-            if not silent:
-                number, _, t_ns, _ = _MESSAGE.unpack_from(data)
-                self._wait(t_ns * 1e-9)
-                self._sink.message(number, t_ns, data[_MESSAGE.size :])
+            self._message(data, silent)
         elif opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(data)))
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(BytesIO(data)))
             self._sink.channel(channel.id, channel, self._schemas.get(channel.schema_id))
+            self._known.add(channel.id)
+        elif not opcode:
+            raise ValueError("a record of no kind")
+
+    def _message(self, data: bytes, silent: bool) -> None:
+        number, _, t_ns, _ = _MESSAGE.unpack_from(data)
+        if number not in self._known:
+            raise ValueError("a message of no channel")
+        self.count += 1
+        if not silent:
+            self._wait(t_ns * 1e-9)
+            self._sink.message(number, t_ns, data[_MESSAGE.size :])
 
     def _wait(self, t: float) -> None:
         if self._now:
@@ -263,6 +324,8 @@ class _Feed:
         if self._origin is None:
             self._origin = time.monotonic() - t
         ahead = self._origin + t - time.monotonic()
+        if ahead > _SILENT:
+            self._origin, ahead = time.monotonic() - t, 0.0
         if ahead > _LOOKED:
             time.sleep(ahead)
 
@@ -384,7 +447,11 @@ def _stream(path: Path, port: int, expected: bool) -> int:
     terminal.out(f"streaming {path} on ws://127.0.0.1:{port}: open this connection in Foxglove or")
     terminal.out("Lichtblick; Ctrl-C ends it")
     try:
-        follow(path, sink, expected)
+        try:
+            follow(path, sink, expected)
+        except DataError:
+            sink.flush()
+            raise
         sink.flush()
     finally:
         sink.close()

@@ -213,7 +213,7 @@ _LARGE = 2**24
 #: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
 _LARGEST_CHUNK = 2**28
 #: All chunks together may unpack to so many bytes, and to so many times the file.
-_ROOM, _RATIO = 2**28, 256
+_ROOM, RATIO = 2**28, 256
 #: Times from here on (1973) count from 1970, not from the start of a session [ns].
 EPOCH_NS = 10**17
 
@@ -408,7 +408,7 @@ class _Reader:
             if offset not in self.walked and offset + length <= limit:
                 self.whole(_ATTACHMENT, raw[offset + HEAD : offset + length])
         self.out.metadata = {**later, **self.out.metadata}
-        room = min(_ROOM, _RATIO * len(raw))
+        room = min(_ROOM, RATIO * len(raw))
         for name in [name for name in self.copies if name not in self.out.attachments]:
             if text := _unpacked(self.copies[name], room) if room else b"":
                 self.out.attachments[name] = text
@@ -488,7 +488,7 @@ class _Reader:
 
     def refuse_claim(self, size: int) -> None:
         """Refuse a chunk, or the chunks until here, of more than a file of this size may hold."""
-        if size > _LARGEST_CHUNK or self.claimed + size > _ROOM + _RATIO * self.out.size:
+        if size > _LARGEST_CHUNK or self.claimed + size > _ROOM + RATIO * self.out.size:
             raise struct.error("claims of the chunks")
         self.claimed += size
 

@@ -7,11 +7,13 @@ models of the old one's last answer, so that nothing that was shown is lost.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
+import os
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -200,6 +202,20 @@ def _joined(inputs: Inputs, runs: list[Recording], paths: list[str], use: str) -
 
 
 _SPAWN = multiprocessing.get_context("spawn")
+
+
+@contextlib.contextmanager
+def _away_from_here() -> Iterator[None]:
+    """Let a new process import nothing of the working directory before it has our path."""
+    name = "PYTHONSAFEPATH"
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(name)
+        if before is not None:
+            os.environ[name] = before
 
 
 @dataclass(frozen=True)
@@ -404,7 +420,8 @@ class Worker:
     def _start(self) -> None:
         ours, theirs = _SPAWN.Pipe()
         self._process = _SPAWN.Process(target=_serve, args=(theirs, self._kept), daemon=True)
-        with held_back():  # an interruption is for the server, which ends this process
+        # an interruption is for the server, which ends this process
+        with _away_from_here(), held_back():
             self._process.start()
         theirs.close()
         self._pipe = ours

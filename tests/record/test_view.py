@@ -1,26 +1,35 @@
 """Layouts of viewers, against an independent reader of the session; the live stream of a file."""
 
 import json
+import os
 import re
+import resource
 import socket
 import struct
+import subprocess
 import sys
 import threading
 import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import zstandard
 from mcap import records
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+import hil
 from hil.cli import main
-from hil.commands.view import FoxgloveSink, follow
+from hil.commands.view import FoxgloveSink, Streamer, follow
 from hil.errors import DataError
+from hil.record.container import MAGIC
 from hil.record.layouts import VIEWERS, pages
 from hil.record.mcap_write import SessionWriter
 from hil.record.schema import Channel
+from hil.ui.desk import SessionProgram
 
 ROOT = Path(__file__).parents[2]
 SMALL = Path(__file__).with_name("small.mcap")
@@ -188,6 +197,107 @@ def test_a_session_that_is_over_is_streamed_to_the_byte():
     kept = Kept()
     follow(SMALL, kept)
     assert kept.messages == recorded(SMALL)
+
+
+def chunks(data):
+    """Place and size of the content of every chunk of a session."""
+    at = len(MAGIC)
+    while at + 9 <= len(data) - len(MAGIC):
+        size = int.from_bytes(data[at + 1 : at + 9], "little")
+        if data[at] == Opcode.CHUNK:
+            yield at + 9, size
+        at += 9 + size
+
+
+def chunk(content, checksum=0):
+    """A session of one chunk, whose content is packed."""
+    packed = zstandard.ZstdCompressor().compress(content)
+    head = struct.pack("<QQQII", 0, 0, len(content), checksum, 4) + b"zstd"
+    body = head + struct.pack("<Q", len(packed)) + packed
+    return MAGIC + struct.pack("<BQ", Opcode.CHUNK, len(body)) + body
+
+
+def record(opcode, body):
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+NO_CHANNEL = record(Opcode.MESSAGE, struct.pack("<HIQQ", 7, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        chunk(NO_CHANNEL),
+        chunk(NO_CHANNEL, checksum=1),
+        chunk(record(Opcode.MESSAGE, b"short")),
+        chunk(record(Opcode.CHANNEL, b"\1\0\0\0\x02\0\0\0\xff\xfe")),
+        chunk(record(Opcode.SCHEMA, b"\1\0\xff\xff\xff\xff")),
+        chunk(bytes(10_000)),
+        MAGIC + record(Opcode.CHUNK, b"short"),
+        MAGIC + record(Opcode.CHUNK, bytes(28) + b"\xff\xff\xff\xff" + bytes(9)),
+        chunk(bytes(2**27)),
+    ],
+    ids=["none", "sum", "short", "channel", "schema", "zeros", "head", "kind", "bomb"],
+)
+def test_a_damaged_record_ends_the_stream_in_one_sentence(tmp_path, data):
+    (tmp_path / "s.mcap").write_bytes(data)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(DataError, match=r"s\.mcap is damaged: .*--recover"):
+        follow(tmp_path / "s.mcap", Kept())
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**17  # [KiB]
+
+
+def test_a_flipped_bit_ends_the_stream_where_it_is(tmp_path):
+    whole = SMALL.read_bytes()
+    at, size = list(chunks(whole))[-1]
+    for place in (at + 30, at + 34, at + size // 2, at + size - 1):
+        data = bytearray(whole)
+        data[place] ^= 0x10
+        (tmp_path / "s.mcap").write_bytes(data)
+        kept = Kept()
+        with pytest.raises(DataError, match=r"what can be read|are not streamed"):
+            follow(tmp_path / "s.mcap", kept)
+        assert kept.messages == recorded(SMALL)[: len(kept.messages)]
+
+
+def test_a_damaged_time_is_not_waited_for(tmp_path):
+    lines = [struct.pack("<HIQQ", 1, 0, t, 0) for t in (0, 2**63, 1)]
+    channel = struct.pack("<HH", 1, 0) + (struct.pack("<I", 1) + b"x") * 2 + struct.pack("<I", 0)
+    inner = record(Opcode.CHANNEL, channel) + b"".join(record(Opcode.MESSAGE, m) for m in lines)
+    (tmp_path / "s.mcap").write_bytes(chunk(inner))
+    given = []
+    sink = SimpleNamespace(channel=lambda *a: None, message=lambda n, t, d: given.append(t))
+    follow(tmp_path / "s.mcap", sink)
+    assert given == [0, 2**63, 1]
+
+
+def test_children_import_nothing_of_the_working_directory(tmp_path, monkeypatch):
+    """`python -m` and a spawned process look there first."""
+    started = []
+
+    class Process:
+        stdout = ()
+
+        def __init__(self, words, **_):
+            started.append(words)
+
+    monkeypatch.setattr("subprocess.Popen", Process)
+    Streamer(free_port()).begin(tmp_path / "s.mcap")
+    SessionProgram([]).join()
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert len(started) == 2
+    (tmp_path / "hil.py").write_text("open('ran', 'w')")
+    path = str(Path(hil.__file__).parents[1])
+    for words in started:
+        own = [*words[: words.index("hil") + 1], "--version"]
+        done = subprocess.run(own, env=os.environ | {"PYTHONPATH": path}, capture_output=True)
+        assert done.returncode == 0 and not (tmp_path / "ran").exists()
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
 
 
 def test_a_session_is_streamed_while_it_is_written_and_goes_on_in_its_next_part(tmp_path):

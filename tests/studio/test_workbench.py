@@ -1,6 +1,7 @@
 """The studio's bench: every request is a verb of the library, and the ladder falls."""
 
 import json
+import os
 import pickle
 import re
 import shlex
@@ -378,6 +379,18 @@ def quiet(monkeypatch):
 
     monkeypatch.setattr(worker_module.Worker, "_start", start)
     return Worker(inputs()), made
+
+
+def test_the_process_imports_nothing_of_the_working_directory(tmp_path, monkeypatch):
+    (tmp_path / "multiprocessing.py").write_text("open('ran', 'w')\nraise SystemExit")
+    monkeypatch.chdir(tmp_path)
+    before = dict(os.environ)
+    worker = Worker(inputs())
+    worker._start()
+    worker._pipe.close()  # it ends where nobody asks any more
+    worker._process.join(60.0)
+    assert worker._process.exitcode is not None and not (tmp_path / "ran").exists()
+    assert dict(os.environ) == before
 
 
 def settled(worker):
