@@ -268,7 +268,7 @@ def test_chunks_that_claim_more_than_a_file_may_hold(whole, tmp_path, monkeypatc
     assert summary(tmp_path / "s.mcap").damaged == 2
     # many chunks that each claim a little
     monkeypatch.setattr(container, "_ROOM", 0)
-    monkeypatch.setattr(container, "_RATIO", 1)
+    monkeypatch.setattr(container, "RATIO", 1)
     (tmp_path / "s.mcap").write_bytes(whole)
     assert summary(tmp_path / "s.mcap").damaged > 1
 
