@@ -488,12 +488,15 @@ def _frequency(r: FloatArray, rate: float) -> float:
 
 
 def _bursts(problem: Problem, j: int, left: FloatArray, k: float) -> str:
-    """Sentence on a residual that comes in bursts, with where it is largest."""
-    run = int(np.argmax(np.bincount(problem.run)))
+    """Sentence on a residual that comes in bursts, with where it is largest in the run of most."""
+    live = problem.live[j]
+    squares = np.sort(left[live] ** 2)[::-1]
+    count = max(round(TENTH * squares.size), 1)
+    share = float(squares[:count].sum() / squares.sum())
+    power = np.where(live & (left**2 >= squares[count - 1]), left**2, 0.0)
+    run = int(np.argmax(np.bincount(problem.run, power)))
     own = problem.run == run
-    squares = np.sort(left[problem.live[j]] ** 2)[::-1]
-    share = float(squares[: round(TENTH * squares.size)].sum() / squares.sum())
-    when = problem.t[own & problem.live[j]] - float(problem.t[own].min())
+    when = problem.t[own & live] - float(problem.t[own].min())
     where = ", ".join(
         f"{x:.2f}" for x in _largest(_residual(problem, j, left, run), when, problem.rate)
     )

@@ -1,5 +1,6 @@
 """What is left at the floor and is no noise: said with what it is like, when and how fast."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,17 @@ def test_bursts_are_told_with_their_instants_and_leave_the_verdict():
     assert d.verdict == "adequate" and "comes in bursts" in said
     told = [float(x) for x in said.split("largest are at ")[1].split(" s of monday")[0].split(",")]
     assert told == pytest.approx(at, abs=0.3)
+
+
+def test_bursts_are_told_of_the_run_that_has_them():
+    rng = np.random.default_rng(3)
+    near = np.exp(-(((plants.DRY_T[:, None] - [5.0, 14.2]) / 0.15) ** 2)).sum(axis=1)
+    quiet = plants.dry_axis(np.zeros(plants.DRY_T.size), seed=2)
+    hit = replace(plants.dry_axis(6.0 * rng.standard_normal(near.size) * near), name="tuesday")
+    d = hil.diagnose([quiet, hit], hil.base_model(hit.robot))
+    (said,) = [w for code, w in d.warnings if code == UNLIKE]
+    told = [float(x) for x in said.split("largest are at ")[1].split(" s of tuesday")[0].split(",")]
+    assert all(min(abs(x - at) for x in told) < 0.3 for at in (5.0, 14.2))
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
