@@ -22,7 +22,7 @@ base, and none.
 
 from __future__ import annotations
 
-import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -137,10 +137,13 @@ def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[tuple
     return found
 
 
-def _again(result: FitResult, changed: list[Recording]) -> Problem:
-    """The problem of a fit with changed runs."""
+def _again(
+    result: FitResult, changed: list[Recording], robot: RobotSource | None = None
+) -> Problem:
+    """The problem of a fit with changed runs, or of another robot."""
     problem = result.problem
-    return Problem(changed, problem.source, result.model.explains, rates=problem.rates)
+    source = robot or problem.source
+    return Problem(changed, source, result.model.explains, rates=problem.rates)
 
 
 def _fits(after: FitResult, before: float, share: float) -> bool:
@@ -163,8 +166,7 @@ def _of_tip(result: FitResult, recordings: list[Recording]) -> list[tuple[str, s
             return []
         changed.append(replace(r, wrench=in_base_axes(r.wrench, axes)))
     before = _size(result)
-    problem = Problem(changed, source, result.model.explains, rates=result.problem.rates)
-    after = fit(problem, result.model, sweeps=1)
+    after = fit(_again(result, changed), result.model, sweeps=1)
     if _size(after) >= OPEN * before:
         return []
     link = source.tip or "LINK"
@@ -411,41 +413,53 @@ def _beside(x: FloatArray, q: FloatArray) -> FloatArray:
     return out
 
 
+@dataclass(frozen=True)
+class _Reading:
+    """The runs read in another way: code, sentence, the share of the error that may stay."""
+
+    runs: list[Recording]
+    robot: RobotSource
+    code: str
+    text: str
+    share: float
+
+
 def _other_posture(result: FitResult, recordings: list[Recording]) -> list[tuple[float, str, str]]:
     """Error [%], code and sentence of postures that fit in another way; none where none does."""
     if isinstance(result.problem.robot, IndependentAxes) or result.problem.d < 2:
         return []
-    postures, found, before = Postures(result), [], _size(result)
-    senses, gravity, order = postures.best(), postures.gravity(), postures.order()
+    before, out = _size(result), []
+    for x in _readings(result, recordings):
+        model = replace(result.model, robot=x.robot)
+        after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
+        if _fits(after, before, x.share):
+            left = f"{before:.3g} to {_size(after):.3g} % of the effort"
+            said = f"{x.text}, and import again: the model's error falls from {left}"
+            out.append((_size(after), x.code, said))
+    return out
+
+
+def _readings(result: FitResult, recordings: list[Recording]) -> Iterator[_Reading]:
+    """Other orders and senses of the joints, and another gravity, that promise less error."""
+    postures, joints, robot = Postures(result), result.problem.joints, result.problem.source
+    order, senses, gravity = postures.order(), postures.best(), postures.gravity()
     if order != sorted(order):
-        changed = [_ordered(r, order) for r in recordings]
-        found.append((changed, "order", _of_order(result.problem.joints, order), OPEN))
+        runs = [_ordered(r, order) for r in recordings]
+        yield _Reading(runs, robot, "order", _of_order(joints, order), OPEN)
     if any(x != Sense() for x in senses):
         columns = np.array([(x.sign, x.shift, x.effort) for x in senses]).T
-        changed = [_read(r, *columns) for r in recordings]
+        runs = [_read(r, *columns) for r in recordings]
         # a quarter of a turn is no chance: what other effects leave may be half of the square then
         turns = np.array([x.shift for x in senses]) / (np.pi / 2)
         share = HALF**0.5 if np.all(turns == np.round(turns)) else OPEN
-        found.append((changed, "posture", _of_senses(result.problem, senses), share))
+        yield _Reading(runs, robot, "posture", _of_senses(result.problem, senses), share)
     if gravity is not None:
-        changed = [
-            replace(r, robot=_in_gravity(result.problem.source, gravity)) for r in recordings
-        ]
         numbers = " ".join(f"{x:.3g}" for x in gravity + 0.0)
-        text = f"gravity does not act as the robot description says. Write <gravity>{numbers}"
-        found.append((changed, GRAVITY, f"{text}</gravity> within <robot> of the URDF", OPEN))
-    out = []
-    for changed, code, text, share in found:
-        problem = Problem(
-            changed, changed[0].robot, result.model.explains, rates=result.problem.rates
+        text = (
+            f"gravity does not act as the robot description says. Write <gravity>{numbers}"
+            "</gravity> within <robot> of the URDF"
         )
-        after = fit(problem, replace(result.model, robot=changed[0].robot), sweeps=1)
-        if _fits(after, before, share):
-            fall = (
-                f"the model's error falls from {before:.3g} to {_size(after):.3g} % of the effort"
-            )
-            out.append((_size(after), code, f"{text}, and import again: {fall}"))
-    return out
+        yield _Reading(recordings, _in_gravity(robot, gravity), GRAVITY, text, OPEN)
 
 
 def _ordered(r: Recording, order: list[int]) -> Recording:
@@ -466,9 +480,11 @@ def _of_order(joints: tuple[str, ...], order: list[int]) -> str:
 
 def _in_gravity(source: RobotSource, gravity: FloatArray) -> RobotSource:
     """The same robot in another gravity."""
-    bare = re.sub(r"<gravity>[^<]*</gravity>", "", source.urdf)
-    line = f"<gravity>{' '.join(repr(float(x)) for x in gravity)}</gravity>"
-    return replace(source, urdf=bare.replace("</robot>", f"{line}</robot>"))
+    root = ET.fromstring(source.urdf)
+    for old in root.findall("gravity"):
+        root.remove(old)
+    ET.SubElement(root, "gravity").text = " ".join(repr(float(x)) for x in gravity)
+    return replace(source, urdf=ET.tostring(root, encoding="unicode"))
 
 
 def _of_senses(problem: Problem, senses: Sequence[Sense]) -> str:

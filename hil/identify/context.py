@@ -407,15 +407,22 @@ class EffortResponse:
         if j not in self._slope:
             m = self._motion
             aside = replace(m, q=m.q + STEP * (np.arange(m.d) == j), response=None)
-            out = np.zeros_like(m.q)
-            for t, theta in self._parts:
-                if t.effect.family not in SOLID:
-                    continue
-                where = slice(None) if t.effect.scope.whole else t.joint
-                moved = t.effect.columns(aside, t.joint, t.shape)
-                out[:, where] += (moved - t.effect.columns(m, t.joint, t.shape)) @ (theta / STEP)
-            self._slope[j] = out
+            self._slope[j] = (self._solid(aside) - self._along_it) / STEP
         return self._slope[j]
+
+    @cached_property
+    def _along_it(self) -> FloatArray:
+        """Effort of masses and springs along the motion, shape (n, d)."""
+        return self._solid(self._motion)
+
+    def _solid(self, motion: Motion) -> FloatArray:
+        """Effort of masses and springs along a motion, shape (n, d)."""
+        out = np.zeros_like(motion.q)
+        for t, theta in self._parts:
+            if t.effect.family in SOLID:
+                where = slice(None) if t.effect.scope.whole else t.joint
+                out[:, where] += t.effect.columns(motion, t.joint, t.shape) @ theta
+        return out
 
     def coriolis(self, j: int) -> FloatArray:
         """Derivative of tau_i by joint j's speed, of masses alone, shape (n, d).
