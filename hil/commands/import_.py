@@ -6,7 +6,9 @@ It prints JSON, or the session, its faults and what to do next.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import math
 import os
 import shlex
 import sys
@@ -232,11 +234,27 @@ def _add_meaning(parser: argparse.ArgumentParser) -> None:
         help="efforts are motor currents [A]: effort at the joint by ampere, one or one a joint",
     )
     parser.add_argument(
+        "--rate",
+        type=_rate,
+        default=0.0,
+        metavar="HZ",
+        help="sample rate of a table without a column of times",
+    )
+    parser.add_argument(
         "--missing",
         default="",
         choices=("refuse", "drop", "interpolate"),
         help="missing values: refuse them (default), leave their rows out, or fill up to 10 rows",
     )
+
+
+def _rate(text: str) -> float:
+    """A sample rate of the command line."""
+    with contextlib.suppress(ValueError):
+        rate = float(text)
+        if 0 < rate < math.inf:
+            return rate
+    raise argparse.ArgumentTypeError(f"{text!r}: expected samples per second, e.g. 500")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -269,6 +287,7 @@ def _bag(args: argparse.Namespace) -> int:
         ("--force-axes", args.force_axes),
         ("--torque-constant", args.torque_constant),
         ("--missing", args.missing),
+        ("--rate", args.rate),
         ("--propose-map", args.propose_map),
     )
     for option, value in of_tables:
@@ -356,6 +375,7 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         unit=axes_unit(args.unit, ["deg"]),
         torque_constant=_constants(args.torque_constant),
         missing=args.missing,
+        rate_hz=args.rate,
         joints=common.bag_joints(args),
         lock=common.bag_locks(args),
     )

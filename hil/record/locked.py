@@ -379,7 +379,8 @@ def count_joints(
     groups = grouped(rules)
     d = max(groups.get("q", [0]))
     if "t" not in rules and not timed:
-        raise _no_column(table, ["t"], "the time [s]; or rate_hz = ... in [table] of a map")
+        rate = "" if table.in_memory else "--rate HZ, or "
+        raise _no_column(table, ["t"], f"the time [s]; or {rate}rate_hz = ... in [table] of a map")
     for stem in GROUPS:
         if stem in groups or stem in ("q", "tau"):
             _whole(table, stem, groups.get(stem, []), d)

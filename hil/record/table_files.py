@@ -54,6 +54,8 @@ class ForeignTable:
     times: Mapping[str, str] = field(default_factory=dict)
     #: Cells of the first row of a text table, by column.
     first: Mapping[str, str] = field(default_factory=dict)
+    #: What was read otherwise than it stands there, a sentence each.
+    notes: tuple[str, ...] = ()
 
     def option(self, name: str, value: str) -> str:
         """What a person types, e.g. ``--unit rad``, or ``unit="rad"``."""
@@ -80,9 +82,9 @@ def ending(path: str | Path) -> str:
     return Path(name.stem if packed else name.name).suffix.lower()
 
 
-def text_table(path: Path, header_row: int = 0) -> ForeignTable:
+def text_table(path: Path, header_row: int = 0, columns: Sequence[str] = ()) -> ForeignTable:
     """Open a text table; parameters and errors as of `read_text_table`."""
-    found = read_text_table(path, header_row)
+    found = read_text_table(path, header_row, columns)
     run = Path(path.stem).stem if path.suffix.lower() in PACKED else path.stem
     return ForeignTable(path, found.names, found.read, found.first_row, run, first=found.first)
 
@@ -104,8 +106,8 @@ def open_table(
     array : str
         The 2-D array (n, k), structured array or struct of a binary file that holds the columns.
     columns : sequence of str
-        Names of the columns of a 2-D array; with no `array`, every array of so many columns
-        is a run.  Without `columns`, every structured array is one.
+        Names of the columns of a 2-D array, or of text without a header row; with no `array`,
+        every array of so many columns is a run.  Without `columns`, every structured array is one.
     run : str
         Run to choose.
     header_row : int
@@ -133,7 +135,7 @@ def open_table(
             )
         if run:
             raise DataError(f"table {path}: a text table holds one run; leave --run {run!r} out")
-        return text_table(path, header_row)
+        return text_table(path, header_row, columns)
     except OSError as error:
         raise DataError(f"table {path}: {error.strerror or error}") from error
 
@@ -163,7 +165,27 @@ def run_names(path: str | Path, columns: Sequence[str] = ()) -> list[str]:
 
 def _runs(data: Arrays, columns: Sequence[str]) -> list[str]:
     wide = len(columns)
-    return [k for k, v in _plain(data).items() if columns and v.ndim == 2 and v.shape[1] == wide]
+    plain, _ = _upright(_plain(data), wide)
+    return [k for k, v in plain.items() if columns and v.ndim == 2 and v.shape[1] == wide]
+
+
+def _upright(data: Mapping[str, Array], wide: int = 0) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Arrays with a sample a row, and what is said of those that have a sample a column.
+
+    The arrays of one recording agree in its length.  With `wide`, an array has so many columns.
+    """
+    lengths = {k: max(v.shape) for k, v in data.items() if v.ndim in (1, 2) and v.size > 1}
+    longest = max(lengths.values(), default=0)
+    alone = sum(n == longest for n in lengths.values()) < min(2, len(lengths))
+    flat = {k: v for k, v in data.items() if v.ndim == 2 and min(v.shape) > 1}
+    lying = [k for k, v in flat.items() if v.shape[0] < v.shape[1] == longest]
+    if wide:
+        lying = [k for k in lying if data[k].shape[0] == wide]
+    elif alone or any(v.shape[0] == longest for v in flat.values()):
+        lying = []
+    shapes = ", ".join("{} ({} x {})".format(k, *data[k].shape) for k in lying)
+    said = (f"read with rows and columns exchanged, a sample is a column: {shapes}",)
+    return {k: v.T if k in lying else v for k, v in data.items()}, said if lying else ()
 
 
 def _plain(data: Arrays) -> dict[str, Array]:
@@ -205,10 +227,12 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
 
 
 def _named(path: Path, data: Mapping[str, Array], run: str) -> ForeignTable:
+    data, said = _upright(data)
     found = _by_key(path, data)
     if not found:
         raise DataError(f"table {path} holds no columns; it has {', '.join(data) or 'nothing'}")
-    return ForeignTable(path, tuple(found), _picker(path, found), 1, run, times=_times(found))
+    pick = _picker(path, found)
+    return ForeignTable(path, tuple(found), pick, 1, run, times=_times(found), notes=said)
 
 
 #: How a logged signal calls its time, and how the last part of its values is called.
@@ -247,6 +271,7 @@ def _matrix(
 ) -> ForeignTable:
     if name not in data:
         raise DataError(f"table {path}: " + unknown("array", name, data))
+    data, said = _upright({name: data[name]}, len(columns))
     values = data[name]
     width = values.shape[1] if values.ndim == 2 else 0
     if not width or (columns and width != len(columns)):
@@ -256,7 +281,7 @@ def _matrix(
         raise _too_wide(path, name, width)
     names = tuple(columns) or tuple(f"c{k + 1}" for k in range(width))
     found = {n: values[:, k] for k, n in enumerate(names)}
-    return ForeignTable(path, names, _picker(path, found), 1, name)
+    return ForeignTable(path, names, _picker(path, found), 1, name, notes=said)
 
 
 def _too_wide(path: Path, name: str, width: int) -> DataError:

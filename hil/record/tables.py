@@ -83,6 +83,7 @@ def import_table(
     unit: str = "",
     torque_constant: Sequence[float] = (),
     missing: str = "",
+    rate_hz: float = 0.0,
     joints: Sequence[str] = (),
     lock: Mapping[str, float] | None = None,
 ) -> Imported:
@@ -105,6 +106,8 @@ def import_table(
         Effort at the joint by motor current [N m/A], where the efforts are currents.
     missing : str
         As in the map, which it overrules.
+    rate_hz : float
+        Sample rate of a table without times, as in the map, which it overrules.
     joints, lock : sequence of str, mapping of str to float
         As in the map, which they overrule.
 
@@ -122,6 +125,7 @@ def import_table(
         tip=tip or given.tip,
         force_axes=force_axes or given.force_axes,
         missing=missing or given.missing,
+        rate_hz=rate_hz or given.rate_hz,
         joints=tuple(joints) or given.joints,
         lock={**given.lock, **(lock or {})},
     )
@@ -166,7 +170,7 @@ def _read_columns(
     recordings: list[Recording] = []
     used: set[str] = set()
     extra: dict[str, FloatArray] = {}
-    notes: list[str] = []
+    notes = list(table.notes)
     every: list[Mapping[str, Rule]] = []
     for name, rules in arms.items():
         filled, guessed = _with_defaults(rules, table, given)

@@ -62,7 +62,7 @@ class TextTable:
     first: Mapping[str, str]
 
 
-def read_text_table(path: Path, header_row: int = 0) -> TextTable:
+def read_text_table(path: Path, header_row: int = 0, columns: Sequence[str] = ()) -> TextTable:
     """Open a text table: header row; comma, semicolon or tab between the cells.
 
     Parameters
@@ -71,6 +71,9 @@ def read_text_table(path: Path, header_row: int = 0) -> TextTable:
         The file; it may be packed by gzip, bzip2 or xz.
     header_row : int
         Row with the names of the columns, as an editor counts; 0 to find it.
+    columns : sequence of str
+        Names of the columns where no row has them; what stands before the first row of so many
+        numbers is not read.
 
     Raises
     ------
@@ -78,6 +81,8 @@ def read_text_table(path: Path, header_row: int = 0) -> TextTable:
         If it is empty, not text, lacks a header row, or has rows, columns or names beyond
         `LONGEST_ROW`, `MOST_COLUMNS` and `LONGEST_NAME`.
     """
+    if columns:
+        return _bare(path, columns)
     head, header = _given_header(path, header_row) if header_row else _header_line(path)
     labview = not header_row and header.startswith(_LABVIEW)
     if labview:
@@ -97,6 +102,36 @@ def read_text_table(path: Path, header_row: int = 0) -> TextTable:
         names, body, first = units, _Body(path, first[0][0], spaced), first[1:]
     if not first:
         raise DataError(f"table {path} has a header row but no samples")
+    return _table(path, names, delimiter, body, first)
+
+
+def _bare(path: Path, columns: Sequence[str]) -> TextTable:
+    """Table whose columns a map names: its samples begin with the first row of so many numbers."""
+    _refuse_columns(path, columns)
+    seen = 0
+    for number, line in itertools.islice(_Body(path, 0), _PREAMBLE):
+        spaced = not any(mark in line for mark in ";\t,")
+        delimiter = _between(",".join(line.split()) if spaced else line)
+        cells = line.split() if spaced else [c.strip() for c in line.split(delimiter)]
+        numbers = [_is_number(c.replace(",", ".")) or bool(_TIMED.match(c)) for c in cells]
+        seen = seen or len(cells) * all(numbers)
+        if all(numbers) and len(cells) == len(columns):
+            body = _Body(path, number - 1, spaced)
+            return _table(path, tuple(columns), delimiter, body, list(itertools.islice(body, 100)))
+    rows = f"its rows hold {seen} numbers" if seen else "no row near its begin holds numbers alone"
+    raise DataError(
+        f"table {path}: the map names {len(columns)} columns ([table] columns), and {rows}"
+    )
+
+
+def _table(
+    path: Path,
+    names: tuple[str, ...],
+    delimiter: str,
+    body: _Body,
+    first: Sequence[tuple[int, str]],
+) -> TextTable:
+    """Table of a body, whose first rows show how its numbers are written."""
     cells = [c.strip() for _, line in first for c in line.split(delimiter)]
     comma = delimiter in (";", "\t") and not any(_is_number(c) and "." in c for c in cells)
     reader = _TextColumns(path, names, delimiter, body, comma)
@@ -124,7 +159,9 @@ def _header_names(path: Path, head: int, header: str, delimiter: str) -> tuple[s
         raise DataError(f"table {path}, row {head}: {error}; expected column names") from error
     if all(_is_number(n) for n in names):
         raise DataError(
-            f"table {path}: row {head} holds numbers; a header row with column names is needed"
+            f"table {path}: row {head} holds numbers; a header row with the names of the columns "
+            f"is needed, or their {len(names)} names in a map: [table] columns = "
+            '["t", "q1", "tau1", ..]'
         )
     _refuse_columns(path, names)
     twice = sorted(n for n, count in Counter(names).items() if count > 1)

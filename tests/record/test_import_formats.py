@@ -917,3 +917,71 @@ def test_the_rate_of_rows_whose_stamps_mostly_repeat_is_finite(tmp_path):
     table.write_text("t,q1,tau1\n" + rows)
     (found,) = import_table(table).recordings
     assert found.rate == pytest.approx(59 / 0.19)
+
+
+def _rows_of_samples(run):
+    """Arrays with a sample a column, as signal processing has them."""
+    return {
+        "time": run.t[:200][None],
+        "u": np.hstack([run.q, run.qd])[:200].T,
+        "y": run.tau[:200].T,
+    }
+
+
+def test_arrays_with_a_sample_a_column_are_turned_and_it_is_said(tmp_path, run, capsys):
+    savemat(tmp_path / "run.mat", _rows_of_samples(run))
+    names = {"t": "time", "q1": "u1", "q2": "u2", "qd1": "u3", "qd2": "u4", "tau1": "y1"}
+    mapping = parse_map({"columns": {**names, "tau2": "y2"}})
+    found = import_table(tmp_path / "run.mat", mapping)
+    assert np.array_equal(found.recordings[0].q, run.q[:200])
+    assert np.array_equal(found.recordings[0].tau, run.tau[:200])
+    assert found.notes[0].endswith("a sample is a column: u (4 x 200), y (2 x 200)")
+    # not where an array beside them has as many rows
+    square = {**_rows_of_samples(run), "other": np.zeros((200, 2))}
+    savemat(tmp_path / "both.mat", square)
+    assert "u200" in open_table(tmp_path / "both.mat").names
+
+
+def test_a_bare_array_with_a_sample_a_column_is_turned(tmp_path, frame):
+    np.save(tmp_path / "run.npy", frame.to_numpy().T)
+    found = import_table(tmp_path / "run.npy", npy(frame, tmp_path / "other.npy"))
+    assert np.array_equal(found.recordings[0].q[:, 0], frame["q1"])
+    assert "rows and columns exchanged" in found.notes[0]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+def test_text_without_a_header_row_gets_its_names_from_a_map(tmp_path, frame, delimiter):
+    names = ", ".join(repr(n) for n in frame.columns)
+    (tmp_path / "names.toml").write_text(f"[table]\ncolumns = [{names}]\n")
+    path = tmp_path / "run.txt"
+    rows = frame.to_csv(index=False, header=False, sep=delimiter)
+    path.write_text(f"recorded by hand\n\n{rows}")
+    found = import_table(path, read_map(tmp_path / "names.toml"))
+    assert np.array_equal(found.recordings[0].tau[:, 1], frame["tau2"])
+    assert found.recordings[0].n == len(frame)
+
+
+def test_text_without_a_header_row_and_without_names_says_what_to_write(tmp_path, frame):
+    path = tmp_path / "run.csv"
+    frame.to_csv(path, index=False, header=False)
+    with pytest.raises(DataError, match=r"row 1 holds numbers.*their 7 names in a map: \[table\]"):
+        import_table(path)
+    with pytest.raises(DataError, match=r"the map names 2 columns.*its rows hold 7 numbers"):
+        import_table(path, parse_map({"table": {"columns": ["t", "q1"]}}))
+    path.write_text("nothing\nof this\n")
+    with pytest.raises(DataError, match="no row near its begin holds numbers alone"):
+        import_table(path, parse_map({"table": {"columns": ["t", "q1"]}}))
+
+
+def test_a_rate_stands_for_the_times_that_a_table_lacks(tmp_path, frame, capsys):
+    path, out = tmp_path / "run.csv", str(tmp_path / "s.mcap")
+    frame.drop(columns="t").to_csv(path, index=False)
+    assert main(["import", str(path), "-o", out]) == 2
+    assert "--rate HZ" in capsys.readouterr().err
+    assert main(["import", str(path), "-o", out, "--rate", "250"]) == 0
+    assert load(out).t[-1] == pytest.approx(199 / 250)
+    for wrong in ("0", "-5", "fast", "inf", "nan"):
+        with pytest.raises(SystemExit) as ended:
+            main(["import", str(path), "-o", out, f"--rate={wrong}"])
+        assert ended.value.code == 2
+        assert "samples per second" in capsys.readouterr().err
