@@ -379,19 +379,8 @@ def _keeps(case: Refit) -> str:
 @_fit("never-rises")
 def _rises(case: Refit) -> str:
     """A model that is worse on held-out runs, on any joint and beyond chance, is no rung."""
-    one, other = case.before.step.heldout, case.after.step.heldout
-    if one.kind != "holdout":
-        return ""
     moves = np.flatnonzero(~case.search.problem.holds).tolist()
-    worse = [k for k in moves if other.rms[k] > one.rms[k] and one.gain(other, k) > RISEN]
-    if case.rated.joint in worse:
-        return "the error of the held-out runs rises"
-    ratio = (other.rms[moves] / np.maximum(one.rms[moves], 1e-300)) ** 2
-    if any(other.rms[k] > (1 + WORTH / 2) * one.rms[k] for k in worse) and float(ratio.mean()) > 1:
-        return "the error of the held-out runs rises on other joints"
-    size = np.maximum(one.effort_rms[moves], 1e-300)
-    whole = [float(np.sum((x.rms[moves] / size) ** 2)) for x in (one, other)]
-    return "the error of the held-out runs rises over all joints" if whole[1] > whole[0] else ""
+    return case.before.step.heldout.risen(case.after.step.heldout, case.rated.joint, moves)
 
 
 @_fit("confirmed")

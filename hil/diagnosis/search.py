@@ -32,6 +32,7 @@ from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
 from hil.identify.design import replaced
 from hil.identify.problem import Alignment
+from hil.identify.screening import USUAL
 from hil.identify.shape_search import expected_sign, rounder
 from hil.identify.slow_motion import LESS
 from hil.identify.timing import late_after_all
@@ -170,7 +171,8 @@ class Search(Models):
                 continue
             rung = self.rung(now.step.label, model, now.result.sigma)
             fall = (now.errors.squared - rung.errors.squared)[:, c.joint]
-            if paired(fall) < RISEN or missed(rung.errors, now.errors, self.moves):
+            worse = missed(rung.errors, now.errors, self.moves) or self._risen(rung, c.joint)
+            if paired(fall) < RISEN or worse or self._by_the_clock(c, rung, float(fall.sum())):
                 renew(now.result)
                 continue
             rung.added = now.added
@@ -178,6 +180,18 @@ class Search(Models):
             self.forget()
             changed.append(c.joint)
         return changed
+
+    def _by_the_clock(self, c: Candidate, rung: Visited, fall: float) -> bool:
+        """Whether a clock takes the place of a state, and explains hardly more of its joint."""
+        old, new = (
+            next(t.shape for t in r.result.terms if t.key == c.term.key) for r in (self.now, rung)
+        )
+        timed = c.term.effect.variation.timed
+        at = next((k for k, r in enumerate(self.rungs) if c in r.added), 0)
+        if timed(old) or not timed(new) or not at:
+            return False
+        before, after = (r.errors.squared[:, c.joint].sum() for r in (self.rungs[at - 1], rung))
+        return fall < (1 - USUAL) * float(before - after)
 
     def rounded(self) -> list[int]:
         """Signs that turn over a wider speed than their range, where no effect says as much.
@@ -233,7 +247,12 @@ class Search(Models):
         now = self.now.errors
         sure = paired((now.squared - rung.errors.squared)[:, j]) > (0.0 if gone else RISEN)
         small = not gone and rung.errors.power[j] > (1 - WORTH) ** 2 * now.power[j]
-        return sure and not small and not missed(rung.errors, now, self.moves)
+        worse = missed(rung.errors, now, self.moves) or self._risen(rung, j)
+        return sure and not small and not worse
+
+    def _risen(self, rung: Visited, j: int) -> bool:
+        """Whether held-out runs say that a model made for joint j is worse than the present one."""
+        return bool(self.now.step.heldout.risen(rung.step.heldout, j, self.moves))
 
     def _shares(self, rung: Visited) -> FloatArray:
         """Errors on left-out blocks and runs (2, moving) over the effort as it is aligned now."""

@@ -5,12 +5,13 @@ Types alone: everything else of the diagnosis lies above.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE, NEAR_FLOOR
+from hil.diagnosis.constants import ADEQUATE, NEAR_FLOOR, RISEN, WORTH
 from hil.errors import DataError
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
@@ -290,6 +291,31 @@ class HeldOut:
         fall = np.bincount(self.blocks, before.residual[j] ** 2 - self.residual[j] ** 2)
         spread = float(np.sqrt(np.sum((fall - fall.mean()) ** 2)))
         return float(fall.sum()) / max(spread, 1e-300)
+
+    def risen(self, other: HeldOut, j: int, moves: Sequence[int]) -> str:
+        """Why another model is worse on held-out runs, beyond chance; empty where it is not.
+
+        Parameters
+        ----------
+        other : HeldOut
+            Errors of the other model.
+        j : int
+            Joint for which it was made; others may rise by less than an effect must bring.
+        moves : sequence of int
+            Joints that move.
+        """
+        if self.kind != "holdout":
+            return ""
+        worse = [k for k in moves if other.rms[k] > self.rms[k] and self.gain(other, k) > RISEN]
+        if j in worse:
+            return "the error of the held-out runs rises"
+        ratio = (other.rms[moves] / np.maximum(self.rms[moves], 1e-300)) ** 2
+        more = any(other.rms[k] > (1 + WORTH / 2) * self.rms[k] for k in worse)
+        if more and float(ratio.mean()) > 1:
+            return "the error of the held-out runs rises on other joints"
+        size = np.maximum(self.effort_rms[moves], 1e-300)
+        one, two = (float(np.sum((x.rms[moves] / size) ** 2)) for x in (self, other))
+        return "the error of the held-out runs rises over all joints" if two > one else ""
 
     def share(self, first: HeldOut, floor: float, j: int) -> tuple[float, float]:
         """Share of joint j's squared error above `floor` that is gone since `first`, and its se.

@@ -441,8 +441,12 @@ def _gains(
     return dict(zip(shapes, projector.gains(term, shapes).tolist(), strict=True))
 
 
+#: Share of the best gain from which a more usual form of an effect is taken.
+USUAL = 0.99
+
+
 def simplest(grid: list[tuple[float, ...]], gains: list[float], rest: list[float]) -> int:
-    """Best index of the first form (all shape values but the first) within 1 % of the best gain.
+    """Best index of the first form (all shape values but the first) with `USUAL` of the best gain.
 
     A grid lists its forms from the usual to the unusual one.
     """
@@ -450,7 +454,7 @@ def simplest(grid: list[tuple[float, ...]], gains: list[float], rest: list[float
     for form in dict.fromkeys(shape[1:] for shape in grid):
         own = [k for k, shape in enumerate(grid) if shape[1:] == form]
         most = max(gains[k] for k in own)
-        if most >= 0.99 * top:
+        if most >= USUAL * top:
             none = next(flat(most, rest[k]) for k in own if gains[k] == most)
             return next(k for k in own if gains[k] >= most - none)
     return int(np.argmax(gains))

@@ -23,7 +23,7 @@ from hil.identify.design import Term
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.screening import CLOSE, flat, grid_of, left, simplest, tried
+from hil.identify.screening import CLOSE, USUAL, flat, grid_of, left, simplest, tried
 from hil.models.effect import Effect, Trait, Waves, alone, typical_speed
 from hil.models.motion import Motion
 
@@ -385,6 +385,9 @@ def _summits(
         return most
     rest = left(projector, most[0], most[1])
     if own := tops.get(present[1:]):
+        timed = most[0].effect.variation.timed
+        if timed(most[0].shape) and not timed(own[0].shape) and own[1] >= USUAL * most[1]:
+            return own  # a clock only stands for the state that was measured
         return own if own[1] >= most[1] - (STAYS - 1) * rest else most
     usual = [tops[f] for f in dict.fromkeys(s[1:] for s in grid) if f in tops]
     return next((t for t in usual if t[1] >= (2 - CLOSE) * most[1]), most)

@@ -81,6 +81,13 @@ def _offset_drift_grid(motion: Motion, j: int) -> Shapes:
 
 #: What drifts with: the time since the start, the thermometer, the motion that warms the joint.
 CLOCK, THERMOMETER, OWN_MOTION = 0.0, 1.0, 2.0
+
+
+def _by_the_clock(shape: Sequence[float]) -> bool:
+    """Whether the time since the start is what it drifts with."""
+    return shape[1] == CLOCK
+
+
 #: Shape of what drifts: how fast, and with what.
 _PROGRESS = (
     Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
@@ -144,6 +151,7 @@ class FrictionDrift(Effect):
         ),
     )
     shape = _PROGRESS
+    variation = Variation(timed=_by_the_clock)
     relations = Relations(foils=_friction_drift_foils, linear=_drift_linear)
     search = Grid(_friction_drift_grid)
     limits = (
@@ -185,6 +193,7 @@ class OffsetDrift(Effect):
     )
     params = (Param("d0", "{F}", "change of the offset, per kelvin in the second form"),)
     shape = _PROGRESS
+    variation = Variation(timed=_by_the_clock)
     scope = Scope(explains=("motor", "external"))
     relations = Relations(foils=_offset_drift_foils, linear=_drift_linear)
     search = Grid(_offset_drift_grid)

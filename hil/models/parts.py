@@ -316,6 +316,8 @@ class Variation:
         Whether coefficients are of one run alone, so that any other run has its own.
     dated : callable (shape) -> bool
         Whether it acts at instants of a run that are seen there: no other run can confirm it.
+    timed : callable (shape) -> bool
+        Whether it goes by the clock: it then holds for runs that begin in the same state alone.
     single : tuple of float
         Shape that what shows in differences between runs is tried with in a single run.
     """
@@ -325,6 +327,7 @@ class Variation:
     sudden: bool = False
     own: Callable[[Shape], bool] = never
     dated: Callable[[Shape], bool] = never
+    timed: Callable[[Shape], bool] = never
     single: tuple[float, ...] = ()
 
 
