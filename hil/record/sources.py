@@ -1,4 +1,7 @@
-"""Recordings from whatever a path names: a session, a ROS bag, or a folder of them."""
+"""Recordings from whatever a path names: a session, a ROS bag, a table, or a folder of the first.
+
+A table is taken as it is where its columns have the names and units of `hil import` without a map.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.errors import ConfigError, DataError, listed_names, plural
+from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
 from hil.record.bags import BagChoice, is_bag, read_bag
 from hil.record.locked import arm_joints, free_joints, locked_urdf
@@ -140,7 +143,7 @@ def robot_of(
         As `load_source`.
     """
     chosen = choice or BagChoice()
-    if is_bag(path) or chosen.joints or chosen.robot or chosen.lock:
+    if not _is_session(path) or chosen.joints or chosen.robot or chosen.lock:
         found = load_source(path, arm, chosen)
         joints, robot = found.joints, found.robot
     else:
@@ -157,12 +160,12 @@ def _is_file(path: Path) -> bool:
 def load_source(
     path: str | Path, arm: str | None = None, choice: BagChoice | None = None
 ) -> Recording:
-    """Recording of one arm of a session or a bag.
+    """Recording of one arm of a session, a bag or a table.
 
     Parameters
     ----------
     path : str or Path
-        Session or bag.
+        Session, bag or table.
     arm : str, optional
         Arm; default the only one, else the first, which ``metadata["note"]`` tells.
     choice : BagChoice, optional
@@ -176,15 +179,58 @@ def load_source(
         If what was named is not there.
     """
     chosen = choice or BagChoice()
-    if not is_bag(path):
+    if _is_session(path):
         found = mcap_read.load(path, arm)
         return subset(found, chosen) if chosen.joints or chosen.robot or chosen.lock else found
-    bag = read_bag(path, replace(chosen, arm=arm or chosen.arm))
-    if len(bag) > 1:
-        bag[0].metadata["note"] += (
-            f"; the arms are {', '.join(r.arm for r in bag)} (choose with --arm)"
+    chosen = replace(chosen, arm=arm or chosen.arm)
+    arms = read_bag(path, chosen) if is_bag(path) else _of_table(Path(path), chosen)
+    if len(arms) > 1:
+        arms[0].metadata["note"] += (
+            f"; the arms are {', '.join(r.arm for r in arms)} (choose with --arm)"
         )
-    return bag[0]
+    return arms[0]
+
+
+#: How an MCAP file begins.
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+def _is_session(path: str | Path) -> bool:
+    """Whether a path is a session's or none; else it is that of a bag or of a table."""
+    name = Path(path)
+    if is_bag(name) or name.suffix.lower() in _ENDINGS or not name.is_file():
+        return not is_bag(name)
+    with name.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
+
+
+def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
+    """Recordings of a table as it is, one an arm; ``metadata["note"]`` tells what was taken.
+
+    Raises
+    ------
+    DataError, ConfigError
+        If it cannot be taken without a map or an option of `hil import`.
+    """
+    from hil.record.mapfile import TableMap
+    from hil.record.table_files import open_table
+    from hil.record.tables import read_columns
+
+    robot = RobotSource("", choice.robot, choice.tip) if choice.robot else ""
+    mapping = TableMap(tip=choice.tip)
+    if robot:
+        mapping = replace(mapping, joints=choice.joints, lock=dict(choice.lock))
+    try:
+        found = read_columns(open_table(path), mapping, robot, choice.arm)
+    except (DataError, ConfigError) as error:
+        said = f"{error}; options and maps for a table are those of 'hil import {path} -o S.mcap'"
+        raise type(error)(said) from error
+    left = f"; not used: {', '.join(families(found.unused))}" if found.unused else ""
+    taken = f"{path.name}: columns by their names, in SI units"
+    note = "; ".join([taken, *found.notes]) + left
+    runs = [replace(r, metadata={**r.metadata, "note": note}) for r in found.recordings]
+    some = bool(choice.joints or choice.lock) and not choice.robot
+    return [subset(r, choice) for r in runs] if some else runs
 
 
 def load(
@@ -199,12 +245,13 @@ def load(
     force_topic: str = "",
     tip: str = "",
 ) -> Recording:
-    """Load one arm of a session or a ROS bag.
+    """Load one arm of a session, a ROS bag or a table.
 
     Parameters
     ----------
     path : str or Path
-        Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite).
+        Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite); or a table whose
+        columns have the names and units of `hil import`.
     arm : str, optional
         Arm; default the only one, else the first.
     robot : str or Path
@@ -297,7 +344,9 @@ def every_arm(path: str | Path, choice: BagChoice | None = None) -> list[Recordi
     DataError, ConfigError
         As `load_source`.
     """
-    return read_bag(path, choice) if is_bag(path) else mcap_read.load_arms(path)
+    if _is_session(path):
+        return mcap_read.load_arms(path)
+    return read_bag(path, choice) if is_bag(path) else _of_table(Path(path), choice or BagChoice())
 
 
 def subset(recording: Recording, choice: BagChoice) -> Recording:

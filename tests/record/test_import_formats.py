@@ -20,6 +20,7 @@ from record_tables import URDF, columns
 from record_tables import write_csv as write_columns
 from scipy.io import savemat
 
+import hil
 from hil.cli import main
 from hil.errors import ConfigError, DataError
 from hil.record.checks import check
@@ -985,3 +986,30 @@ def test_a_rate_stands_for_the_times_that_a_table_lacks(tmp_path, frame, capsys)
             main(["import", str(path), "-o", out, f"--rate={wrong}"])
         assert ended.value.code == 2
         assert "samples per second" in capsys.readouterr().err
+
+
+def test_a_table_in_si_units_is_analysed_as_it_is(tmp_path, run, capsys):
+    path, session = tmp_path / "run.csv", str(tmp_path / "s.mcap")
+    pd.DataFrame(columns(run)).assign(room=21.0).to_csv(path, index=False)
+    assert main(["import", str(path), "-o", session]) == 0
+    capsys.readouterr()
+    assert main(["compare", session, "--json"]) == 0
+    brought_in = json.loads(capsys.readouterr().out)
+    assert main(["compare", str(path), "--json"]) == 0
+    said = capsys.readouterr()
+    as_it_is = json.loads(said.out)
+    assert as_it_is["joints"] == brought_in["joints"]
+    assert "run.csv: columns by their names, in SI units; not used: room" in said.err
+    one, two = hil.load(path, joints=["joint2"]), hil.load(session, joints=["joint2"])
+    assert one.joints == ("joint2",) == two.joints
+    assert np.array_equal(one.q, two.q)
+
+
+def test_a_table_that_needs_a_map_says_which_command_takes_one(tmp_path, run, capsys):
+    path = tmp_path / "run.csv"
+    frame = pd.DataFrame(columns(run)).rename(columns={"q1": "shoulder [deg]"})
+    frame.to_csv(path, index=False)
+    assert main(["diagnose", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "has no column" in said
+    assert "'hil import" in said
