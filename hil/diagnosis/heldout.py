@@ -47,8 +47,16 @@ from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step
 from hil.errors import DataError, plural
 from hil.identify.context import set_context
 from hil.identify.design import Term, coefficients
-from hil.identify.fit import assemble, fit, in_units, predict
-from hil.identify.predict import identified, leaves, outside, own_values
+from hil.identify.fit import (
+    assemble,
+    fit,
+    identified,
+    in_units,
+    leaves,
+    outside,
+    own_values,
+    predict,
+)
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import cluster_covariance, inflation, least_squares, time_blocks

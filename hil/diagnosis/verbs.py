@@ -22,11 +22,11 @@ from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
-from hil.identify.fit import complete
 from hil.identify.fit import fit as fit_problem
+from hil.identify.fit import outside
+from hil.identify.gauss_newton import complete
 from hil.identify.multistep import MultiStep, both, each
 from hil.identify.parallel import single_threaded
-from hil.identify.predict import outside
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, fit_as_stated

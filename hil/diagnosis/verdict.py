@@ -24,8 +24,8 @@ from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, un
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.identify.bands import HELD, effort_noise
 from hil.identify.context import renew
-from hil.identify.fit import complete
-from hil.identify.predict import outside
+from hil.identify.fit import outside
+from hil.identify.gauss_newton import complete
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.identify.timing import late_effort

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.identify.predict import predict
+from hil.identify.fit import predict
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.record.recording import Recording

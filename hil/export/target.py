@@ -25,7 +25,8 @@ from hil.diagnosis.verbs import make_problem
 from hil.errors import ConfigError, printable
 from hil.export import trees
 from hil.export.content import SENSOR, Content, Lost, Vocabulary, slid, translate
-from hil.identify.fit import complete, fit
+from hil.identify.fit import fit
+from hil.identify.gauss_newton import complete
 from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned

@@ -284,7 +284,14 @@ def carrying(result: FitResult, problem: Problem) -> list[Motion]:
     """
     if not any(Trait.LOAD in t.effect.traits for t in result.terms):
         return problem.motions
-    fitted = result.terms, result.theta, result.slices
+    return carried_by(problem, result.terms, result.theta, result.slices)
+
+
+def carried_by(
+    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
+) -> list[Motion]:
+    """Motions of a problem with the load of some terms' masses; the problem stays as it is."""
+    fitted = terms, theta, slices
     parts = zip(problem.motions, *_loads(problem, *fitted), strict=True)
     motions = _responding([m.with_(load=x, static=z) for m, x, z in parts], *fitted)
     return [_sliding(m, *fitted) for m in motions]
@@ -307,22 +314,27 @@ def _slid(old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
     return len(old) != len(new) or any(a is not b for a, b in zip(old, new, strict=True))
 
 
-def _loads(
-    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Transmitted load and its part at rest (n, d), run by run.
+def masses(terms: Sequence[Term], slices: Sequence[slice]) -> list[tuple[Term, slice]]:
+    """Terms that the load is made of, and where their coefficients are.
 
     A motor's rotor lies before the gear or cable, which transmits none of its inertia: it is left
     out where the links' own is known apart.
     """
     apart = any(Trait.BODY in t.effect.traits for t in terms)
-    mass = [
-        (t, theta[where])
+    return [
+        (t, where)
         for t, where in zip(terms, slices, strict=True)
         if t.effect.family == "mass"
         and not t.per_run
         and not (apart and Trait.ROTOR in t.effect.traits)
     ]
+
+
+def _loads(
+    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Transmitted load and its part at rest (n, d), run by run."""
+    mass = [(t, theta[where]) for t, where in masses(terms, slices)]
     moving, still = (_carried(problem, mass, rest) for rest in (False, True))
     return [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)], still
 
@@ -387,6 +399,7 @@ class EffortResponse:
         self._unslipped: dict[int, FloatArray] = {}
         self._coriolis: dict[int, FloatArray] = {}
         self._slope: dict[int, FloatArray] = {}
+        self._weight: dict[int, FloatArray] = {}
         stride = max(1, int(1 / RATE / motion.dt))
         self._pick = np.unique(np.append(np.arange(0, motion.n, stride), motion.n - 1))
 
@@ -401,6 +414,17 @@ class EffortResponse:
         """G(q) with G[i, j] = d tau_i / d q_j at rest, shape (n, d, d)."""
         rest, step = self._effort(0.0, 0.0), STEP * np.eye(self._motion.d)
         return self._along([(self._effort(row, 0.0) - rest) / STEP for row in step])
+
+    def weight(self, j: int) -> FloatArray:
+        """Derivative of joint j's load at rest by its own position, of masses alone, shape (n,)."""
+        if j not in self._weight:
+            mass = [(t, x) for t, x in self._parts if t.effect.family == "mass"]
+            aside = STEP * (np.arange(self._motion.d) == j)
+            rest, moved = (self._effort(x, 0.0, parts=mass)[:, j] for x in (0.0, aside))
+            self._weight[j] = np.ascontiguousarray(
+                self._along([(moved - rest)[:, None] / STEP]).ravel()
+            )
+        return self._weight[j]
 
     def slope(self, j: int) -> FloatArray:
         """Derivative of tau_i by q_j along the motion, with its speeds, shape (n, d)."""
@@ -495,7 +519,11 @@ class EffortResponse:
         return np.asarray(spline(self._motion.t), dtype=np.float64)
 
     def _effort(
-        self, aside: FloatArray | float, qdd: FloatArray | float, qd: FloatArray | float = 0.0
+        self,
+        aside: FloatArray | float,
+        qdd: FloatArray | float,
+        qd: FloatArray | float = 0.0,
+        parts: Sequence[tuple[Term, FloatArray]] | None = None,
     ) -> FloatArray:
         """Effort in the postures, moved aside, at a speed and an acceleration; (picked, d)."""
         m, zero = self._motion, np.zeros((len(self._pick), self._motion.d))
@@ -508,7 +536,7 @@ class EffortResponse:
             response=None,
         )
         out = np.zeros_like(zero)
-        for t, theta in self._parts:
+        for t, theta in self._parts if parts is None else parts:
             where = slice(None) if t.effect.scope.whole else t.joint
             out[:, where] += t.effect.columns(posed, t.joint, t.shape) @ theta
         return out

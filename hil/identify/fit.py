@@ -2,39 +2,17 @@
 
 The result of a fit: values with errors, bounds and identifiability.
 
-The last step to the optimum: Gauss-Newton of all coefficients and shape values together.
+A fitted model on runs that it has not seen: what it leaves, and where it extrapolates.
 
-The search on grids stops where the residual hardly falls any more; where the noise is small
-that is still many standard errors away from the optimum.
-
-Standard errors of coefficients and shape values, jointly.
-
-At the optimum the model is linear in both:  d y = X d theta + J d s.  The sandwich covariance
-over blocks of time is taken of [X, J], so a shape that is uncertain widens the coefficients
-that trade off with it, and coloured residuals count as what they are.  A coefficient b
-that its bound holds does not trade off:  var(s | b) = V_ss - V_sb V_bb^-1 V_bs.
-
-Source: Golub and Pereyra, Inverse Problems 19, 2003 (separable least squares); Liang and
-Zeger, Biometrika 73, 1986.
-
-How the model's effort changes with its shape values: central differences.
-
-Standard errors of all shape values are for what is printed.
-
-`spread` counts the first shape value of a term, by which the search goes.  An exponent, a damping
-ratio or a sign resolution that was picked beside it is as uncertain, and widens what trades off
-with it.  With J the derivatives by all of them, beside the free coefficients,
-
-    var = sandwich of [X, J] over blocks of time  +  d^2,
-
-d the Gauss-Newton step that is left to the joint optimum: a value that was picked from a few is
-not at it.  Nothing is fitted again, and no verdict rests on these errors.
+A model is identified on a range of positions, speeds and loads; a prediction beyond it is
+extrapolation.  Kept are the 0.5 and 99.5 % quantiles of each joint's motion; data count as outside
+beyond these by more than a twentieth of the range.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,21 +22,23 @@ from hil.identify.context import (
     find_surface,
     impossible,
     own_states,
-    references,
     scaled_states,
     scales,
     set_context,
     settled_as_given,
     settled_load,
+    update_load,
 )
-from hil.identify.design import Term, bind, by_run, coefficients, prefix
-from hil.identify.predict import identified, predict
+from hil.identify.design import Term, bind, coefficients, prefix, stack
+from hil.identify.gauss_newton import (
+    ShapeError,
+    carried,
+    gauss_newton,
+    standard_errors,
+)
 from hil.identify.problem import Problem
 from hil.identify.regression import (
-    Basis,
-    basis,
-    cluster_covariance,
-    extended,
+    least_squares,
     left_open,
     time_blocks,
 )
@@ -67,25 +47,18 @@ from hil.identify.shape_search import search_shapes
 from hil.identify.solve import (
     DESCRIBED,
     fit_of,
-    limits,
-    noise_to_signal,
     prior,
+    slices_of,
     solve,
     solved,
 )
 from hil.models.effect import Trait
-from hil.models.model import RobotModel, Use, Value
-from hil.models.motion import Motion
-from hil.models.parts import JOINT
+from hil.models.model import Range, RobotModel, Use, Value
 
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
 #: Relative change of the residual scales that asks for another round of the shape search.
 SCALE_CHANGE = 0.1
-#: Multiple of a shape value from which its error says only that nothing is known of it.
-OPEN = 10.0
-#: A shape value: number of its term, and which of the term's shape values it is.
-Place = tuple[int, int]
 
 
 def fit(
@@ -145,7 +118,10 @@ def fit(
     if given:
         own_states(problem, terms, model, sigma)
         terms, sigma = given.or_better(problem, terms, model, sigma)
-    return assemble(problem, model, _polished(problem, terms, model, sigma), sigma)
+    terms = _polished(problem, terms, model, sigma)
+    if found := carried(problem, terms, model, sigma):
+        return assemble(problem, model, found[0], sigma, found[1])
+    return assemble(problem, model, terms, sigma)
 
 
 def _polished(
@@ -180,10 +156,16 @@ def _start(term: Term, problem: Problem) -> tuple[float, ...]:
 
 
 def assemble(
-    problem: Problem, model: RobotModel, terms: list[Term], sigma: FloatArray
+    problem: Problem,
+    model: RobotModel,
+    terms: list[Term],
+    sigma: FloatArray,
+    given: FloatArray | None = None,
 ) -> FitResult:
-    """Final solution with errors, bounds and identifiability."""
+    """Final solution with errors, bounds and identifiability; `given` are its coefficients."""
     theta, x, b, slices, residual, drawn = solved(problem, terms, model, sigma, True)
+    if given is not None:
+        theta, residual = given, problem.y - (x @ given).reshape(problem.y.shape)
     beside = drawn.target - drawn.rows @ theta
     weighted = np.concatenate([(residual / sigma[:, None]).reshape(-1), beside])
     found = standard_errors(problem, terms, theta, slices, drawn.basis, weighted, sigma)
@@ -193,13 +175,13 @@ def assemble(
     values: dict[str, Value] = {}
     uses: dict[int, dict[str, Value]] = {}
     source = fit_of(problem)
-    given = pull.said(b) if pull else np.zeros(theta.size, dtype=bool)
+    by_prior = pull.said(b) if pull else np.zeros(theta.size, dtype=bool)
     for t, where, shapes in zip(terms, slices, found.shapes, strict=True):
         part = _linear(
             problem, t, theta[where], found.stderr[where], found.known[where], seen[where], source
         )
         # values of single runs share a name; those of the description do not
-        named = zip(coefficients(t, problem), given[where], strict=True)
+        named = zip(coefficients(t, problem), by_prior[where], strict=True)
         said = {name for (name, _), is_said in named if is_said}
         part = {n: replace(v, source=DESCRIBED) if n in said else v for n, v in part.items()}
         part |= _shapes(problem, t, shapes, source)
@@ -280,397 +262,160 @@ def in_units(unit: str, problem: Problem, j: int) -> str:
     return unit.replace("{F}", "N" if linear else "N m").replace("{x}", "m" if linear else "rad")
 
 
-#: A fall of the weighted residual sum of squares (in noise units) that is worth another step.
-STEP_GAIN = 0.01
-MAX_STEPS = 8
+# ------------------------------------------------------------ prediction
 
 
-def gauss_newton(
-    problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> list[Term]:
-    """Terms with their shapes at the joint optimum, between the neighbours on their grids.
+def predict(result: FitResult, problem: Problem) -> FloatArray:
+    """Residual (d, n) of a fitted model on another problem (held-out runs).
 
-    The sign resolution of Coulomb friction stays: it is the sharpest that fits, not the best.
+    The other problem must have been made with the same rates and span.  Coefficients of a
+    single run (per-run offsets, a hum's phase) are estimated on the new runs, for they belong to
+    a run.
     """
-    ranges = _ranges(problem, terms)
-    if not ranges:
-        return terms
-    theta, _, b, slices, residual = solve(problem, terms, model, sigma)
-    left, part = _weighted(residual, sigma), 1.0
-    for _ in range(MAX_STEPS):
-        joint = with_shapes(problem, terms, theta, slices, b, sigma, list(ranges))
-        new = _stepped(terms, ranges, joint, (residual / sigma[:, None]).reshape(-1), part)
-        set_context(problem, new)
-        found = solve(problem, new, model, sigma)
-        after = _weighted(found[-1], sigma)
-        if after >= left:
-            set_context(problem, terms)
-            part /= 4  # the effort is not linear in the shapes that far
-            continue
-        before, left, terms, part = left, after, new, min(2 * part, 1.0)
-        theta, _, b, _, residual = found
-        # a step that ended at a neighbour on the grid may go on beyond it
-        ranges = _ranges(problem, terms, ranges)
-        if before - left < STEP_GAIN:
-            break
-    return terms
-
-
-#: A shape value: number of its term, and which of its values.
-ShapeAt = tuple[int, int]
-#: Ratio by which a tuned value may change at a step.
-TUNED_RATIO = 1.3
-
-
-def _ranges(
-    problem: Problem, terms: Sequence[Term], known: Collection[ShapeAt] = ()
-) -> dict[ShapeAt, tuple[float, float]]:
-    """Shape values that go to the joint optimum, and between what; of those `known` if given."""
-    out: dict[ShapeAt, tuple[float, float]] = {}
-    for k, t in enumerate(terms):
-        if not ((k, 0) in known if known else _movable(problem, t)):
-            continue
-        out[k, 0] = around(problem, t)
-        for i, (p, x) in enumerate(zip(t.effect.shape, t.shape, strict=True)):
-            if i and p.tuned and x:
-                ends = sorted((x / TUNED_RATIO, x * TUNED_RATIO))
-                out[k, i] = max(ends[0], p.lower), min(ends[1], p.upper)
-    return out
-
-
-def _movable(problem: Problem, term: Term) -> bool:
-    if term.effect.search.at_resolution or not searched(problem, term):
-        return False
-    return end_of_range(problem, term) == 0
-
-
-def _stepped(
-    terms: list[Term],
-    ranges: dict[ShapeAt, tuple[float, float]],
-    joint: Basis,
-    r: FloatArray,
-    part: float,
-) -> list[Term]:
-    """Terms after a part of one Gauss-Newton step on the weighted residual r (d n,)."""
-    size, out = joint.scale.size, list(terms)
-    steps = joint.solve(r, np.zeros(size), np.zeros(r.size))[size - len(ranges) :]
-    for ((k, i), (low, high)), step in zip(ranges.items(), steps, strict=True):
-        shape = out[k].shape
-        new = float(np.clip(shape[i] + part * step, low, high))
-        out[k] = out[k].reshaped((*shape[:i], new, *shape[i + 1 :]))
-    return out
-
-
-def _weighted(residual: FloatArray, sigma: FloatArray) -> float:
-    return float(np.sum((residual / sigma[:, None]) ** 2))
-
-
-@dataclass(frozen=True)
-class ShapeError:
-    """What is known of one shape value.
-
-    Parameters
-    ----------
-    stderr : float
-        Standard error; NaN where the value is held, is one of a few forms, or lies at the end
-        of its range (the optimum may lie beyond).
-    at_bound : bool
-        Whether it lies at the end of the range that was searched.
-    identifiable : bool
-        Whether the data determine it beside everything else.
-    """
-
-    stderr: float = float("nan")
-    at_bound: bool = False
-    identifiable: bool = True
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Standard errors of a fit.
-
-    Parameters
-    ----------
-    stderr : ndarray (p,)
-        Of the coefficients.
-    known : ndarray (p,)
-        Whether the data determine each coefficient, the shapes being free.
-    shapes : list of tuple of ShapeError
-        For every term, one for each of its shape values.
-    """
-
-    stderr: FloatArray
-    known: NDArray[np.bool_]
-    shapes: list[tuple[ShapeError, ...]]
-
-
-def standard_errors(
-    problem: Problem,
-    terms: Sequence[Term],
-    theta: FloatArray,
-    slices: Sequence[slice],
-    b: Basis,
-    weighted: FloatArray,
-    sigma: FloatArray,
-) -> Spread:
-    """Errors from the solution (p,), its basis, and the weighted residual of its rows.
-
-    Rows beyond the problem's are of what is known besides; each is a block of its own.
-    """
-    ends = {k: end_of_range(problem, t) for k, t in enumerate(terms) if searched(problem, t)}
-    free = [k for k, end in ends.items() if not end]
-    b = with_shapes(problem, terms, theta, slices, b, sigma, [(k, 0) for k in free])
-    blocks = np.tile(time_blocks(problem), problem.d)
-    more = weighted.size - blocks.size
-    blocks = np.concatenate([blocks, int(blocks.max()) + 1 + np.arange(more)])
-    covariance = cluster_covariance(weighted, b, blocks)
-    stderr = np.sqrt(np.diag(covariance))
-    known, p = b.identifiable(), theta.size
-    low, high = limits(terms, problem)
-    held = (theta <= low) | (theta >= high)
-    for i, k in enumerate(free):
-        stderr[p + i] = _given(covariance, p + i, slices[k].start + np.flatnonzero(held[slices[k]]))
-    found = {
-        k: ShapeError(float(stderr[p + i]) if known[p + i] else float("nan"), False, bool(ok))
-        for i, (k, ok) in enumerate(zip(free, known[p:], strict=True))
-    }
-    for k, end in ends.items():
-        if not np.any(theta[slices[k]]):  # no effect, so no shape
-            found[k] = ShapeError(identifiable=False)
-        elif end:
-            found[k] = ShapeError(at_bound=end > 0 or not terms[k].effect.search.at_resolution)
-    shapes = [
-        tuple(found.get(k, ShapeError()) if i == 0 else ShapeError() for i in range(len(t.shape)))
-        for k, t in enumerate(terms)
-    ]
-    return Spread(stderr[:p], known[:p], shapes)
-
-
-def _given(covariance: FloatArray, s: int, held: NDArray[np.int_]) -> float:
-    """Standard error of value number s, given others that are held."""
-    across = covariance[s, held]
-    own = covariance[np.ix_(held, held)]
-    # V_ss - V_sb V_bb^-1 V_bs
-    left = covariance[s, s] - across @ np.linalg.pinv(own, hermitian=True) @ across
-    return float(np.sqrt(max(left, 0.0)))
-
-
-#: Step of the difference, in distances between grid values.
-DIFFERENCE_STEP = 0.01
-#: The same for values that lie on no continuous grid, relative to the value.
-DIFFERENCE_SHARE = 1e-3
-
-
-def line(problem: Problem, term: Term) -> FloatArray:
-    """Values of the first shape parameter on the term's grid, the form being as it is; sorted.
-
-    All values where the others were changed to what the grid does not hold (`Search.across`).
-    """
-    grid = problem.grid(term.effect, term.joint)
-    own = [s[0] for s in grid if s[1:] == term.shape[1:]]
-    return np.unique(own or [s[0] for s in grid])
-
-
-def searched(problem: Problem, term: Term) -> bool:
-    """Whether the first shape value was found on a continuous range (the others are forms)."""
-    held = term.fixed or term.fixed_shape or not term.effect.shape or not term.effect.search.refine
-    return not held and line(problem, term).size > 1
-
-
-def end_of_range(problem: Problem, term: Term) -> int:
-    """-1 or 1 where the first shape value lies on the lower or upper end of its range, else 0."""
-    values = line(problem, term)
-    near = 1e-6 * float(np.min(np.diff(values)))
-    value = term.shape[0]
-    return int(value >= values[-1] - near) - int(value <= values[0] + near)
-
-
-def derivative(
-    problem: Problem,
-    terms: Sequence[Term],
-    theta: FloatArray,
-    slices: Sequence[slice],
-    k: int,
-    i: int,
-) -> FloatArray:
-    """Derivative of the model's effort by shape value i of term k, shape (d, n).
-
-    What other effects take from it (the sign resolution, the surface) changes with it.
-    """
-    term = terms[k]
-    shape = term.shape
-    if i == 0:
-        low, high = around(problem, term)
-        h = DIFFERENCE_STEP * (high - low) / 2
-    else:
-        h = DIFFERENCE_SHARE * abs(shape[i])
-    # dy/ds = (y(s + h) - y(s - h)) / (2 h)
-    up, down = (
-        _effort(problem, terms, theta, slices, term.reshaped((*shape[:i], x, *shape[i + 1 :])))
-        for x in (shape[i] + h, shape[i] - h)
+    source = result.problem.motions[0]
+    problem.set_context(v0=source.v0, contact=source.contact)
+    flat = [t for t in result.terms if not _own(t)]
+    keep = {t.key for t in flat}
+    theta = np.concatenate(
+        [result.theta[s] for t, s in zip(result.terms, result.slices, strict=True) if t.key in keep]
+        or [np.empty(0)]
     )
-    return (up - down) / (2 * h)
+    update_load(problem, flat, theta, slices_of(problem, flat))
+    x, _ = stack(problem, flat)
+    residual: FloatArray
+    residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
+    for t in result.terms:
+        if _own(t):
+            residual = _without(residual, t, problem, result.sigma)
+    return residual
 
 
-def around(problem: Problem, term: Term) -> tuple[float, float]:
-    """Neighbours of the first shape value on its grid."""
-    values = line(problem, term)
-    below, above = values[values < term.shape[0]], values[values > term.shape[0]]
-    return float(below.max(initial=values[0])), float(above.min(initial=values[-1]))
+def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
+    """Effects of which every run has values of its own: how many a joint, and their joints.
 
-
-def with_shapes(
-    problem: Problem,
-    terms: Sequence[Term],
-    theta: FloatArray,
-    slices: Sequence[slice],
-    b: Basis,
-    sigma: FloatArray,
-    which: Sequence[ShapeAt],
-) -> Basis:
-    """Basis of [X, J]: the coefficients' basis and some shape values of terms."""
-    if not which:
-        return b
-    columns = [derivative(problem, terms, theta, slices, *at) / sigma[:, None] for at in which]
-    j = np.stack([c.reshape(-1) for c in columns], axis=1)
-    j = np.concatenate([j, np.zeros((len(b.q) - len(j), len(which)))])
-    return extended(b, j, noise_to_signal(problem.y / sigma[:, None]))
-
-
-def _effort(
-    problem: Problem, terms: Sequence[Term], theta: FloatArray, slices: Sequence[slice], new: Term
-) -> FloatArray:
-    """Filtered effort (d, n) of a changed term and of those that may refer to it."""
-    old = problem.motions[0]
-    context = references([new], old.v0, old.contact)
-    motions = [m.with_(**context) for m in problem.motions]
-    changed = not np.array_equal(context["v0"], old.v0) or not np.array_equal(
-        context["contact"], old.contact, equal_nan=True
-    )
-    out = np.zeros((problem.d, problem.n))
-    for t, where in zip(terms, slices, strict=True):
-        if t.key == new.key:
-            out += _acting(problem, motions, new, theta[where])
-        elif changed and _refers(t, new.joint):
-            out += _acting(problem, motions, t, theta[where])
+    Such values are estimated on held-out runs themselves, by `predict`.
+    """
+    out: dict[str, tuple[int, list[int]]] = {}
+    for t in result.terms:
+        if _own(t):
+            motion = result.problem.motions[0]
+            count = np.any(t.effect.columns(motion, t.joint, t.shape) != 0, axis=0)
+            size = int(np.sum(np.any(count, axis=0) if t.effect.scope.whole else count))
+            joints = [] if t.effect.scope.of_robot else [t.joint]
+            known = out.setdefault(t.effect.name, (size, []))
+            known[1].extend(joints)
     return out
 
 
-def _refers(term: Term, joint: int) -> bool:
-    """Whether a term's columns may depend on what was found for a joint."""
-    coupled = any(p.name == JOINT for p in term.effect.shape)
-    return Trait.MOTION not in term.effect.traits and (term.joint == joint or coupled)
+def _own(t: Term) -> bool:
+    """Whether every run has its own coefficients."""
+    return t.per_run or t.effect.variation.own(t.shape)
 
 
-def _acting(
-    problem: Problem, motions: Sequence[Motion], term: Term, theta: FloatArray
-) -> FloatArray:
-    """Filtered effort (d, n) of one term."""
-    each = by_run(term, theta, problem.runs)[problem.whole] if term.per_run else None
-    own = np.tile(theta, (len(motions), 1)) if each is None else each
-    raw = [
-        term.effect.columns(m, term.joint, term.shape) @ c
-        for m, c in zip(motions, own, strict=True)
-    ]
-    out = np.zeros((problem.d, problem.n))
-    if term.effect.scope.whole:
-        out[:] = problem.acting(raw, None).T
-    else:
-        out[term.joint] = problem.acting(raw, term.joint)
+def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:
+    """Residual r (d, n) less what a term of every run for itself explains of it."""
+    columns = problem.columns(term.effect, term.joint, term.shape, per_run=True, every=True)
+    at = slice(None) if term.effect.scope.whole else slice(term.joint, term.joint + 1)
+    wide = columns if term.effect.scope.whole else columns[None]
+    scale = sigma[at, None]
+    rows = (wide / scale[..., None]).reshape(-1, wide.shape[-1])
+    part = least_squares(rows, (r[at] / scale).reshape(-1))
+    out = r.copy()
+    out[at] -= wide @ part
     return out
 
 
-def complete(result: FitResult) -> FitResult:
-    """The same fit with standard errors of every shape value that is a quantity."""
-    places = _quantities(result)
-    if all(i == 0 for _, i in places):
-        return result
-    free = np.array([not result.values[n].at_bound for n in result.names])
-    stderr, known = _errors(result, free, places)
-    count = int(free.sum())
-    names = [n for n, ok in zip(result.names, free, strict=True) if ok]
-    pairs = zip(names, stderr[:count].tolist(), strict=True)
-    new = {n: _wider(result.values[n], e) for n, e in pairs}
-    for place, e, ok in zip(places, stderr[count:], known[count:], strict=True):
-        name = _name(result, place)
-        new[name] = _wider(result.values[name], float(e) if ok else float("nan"), place[1] > 0)
-    return replace(result, values=result.values | new, model=_renewed(result.model, new))
+#: Share of the instants at each end that is no range, the margin beyond it, and the share of
+#: instants outside that is worth a warning.
+TAIL, MARGIN, WORTH = 0.005, 0.05, 0.02
+QUANTITIES = ("position", "speed", "load")
 
 
-def _quantities(result: FitResult) -> list[Place]:
-    """Shape values that are quantities, of terms that do anything, away from the range's ends."""
+def _every(problem: Problem, what: str) -> list[FloatArray]:
+    """One quantity of all joints, run by run (instants, d)."""
+    name = {"position": "q", "speed": "qd", "load": "load"}[what]
+    return [getattr(m, name) for m in problem.motions]
+
+
+def _values(problem: Problem, j: int, what: str) -> FloatArray:
+    """All values of one quantity of joint j (instants,)."""
+    return np.concatenate([x[:, j] for x in _every(problem, what)])
+
+
+def _ends(problem: Problem, j: int, what: str) -> tuple[float, float]:
+    """Quantiles of one quantity of joint j."""
+
+    def made() -> tuple[float, float]:
+        low, high = np.quantile(_values(problem, j, what), [TAIL, 1 - TAIL]).tolist()
+        return low, high
+
+    return problem.remembered(("ends", j, what), _every(problem, what), made)
+
+
+def identified(problem: Problem) -> tuple[Range, ...]:
+    """Range of every joint over the runs of a fit, the load as the fit has it."""
     out = []
-    for k, (t, where) in enumerate(zip(result.terms, result.slices, strict=True)):
-        if t.fixed or t.fixed_shape or not np.any(result.theta[where]):
-            continue
-        for i, (p, value) in enumerate(zip(t.effect.shape, t.shape, strict=True)):
-            if not p.choice and value and (i > 0 or _inside(result, t)):
-                out.append((k, i))
+    for j, joint in enumerate(problem.joints):
+        place, speed, load = (_ends(problem, j, what) for what in QUANTITIES)
+        low, high = problem.span[j].tolist()
+        out.append(Range(joint, place, speed, load, (low, high)))
+    return tuple(out)
+
+
+def range_limits(known: Range, what: str) -> tuple[float, float]:
+    """Ends of a range with the margin."""
+    low, high = getattr(known, what)
+    spare = MARGIN * max(high - low, 1e-12)
+    return low - spare, high + spare
+
+
+def outside(known: Sequence[Range], problem: Problem, which: str = "session") -> list[str]:
+    """Sentences on what leaves the identified range: one a quantity, with every such joint.
+
+    Parameters
+    ----------
+    known : sequence of Range
+        Ranges of a model; joints without one are not judged.
+    problem : Problem
+        The runs that the model is to predict.
+    which : str
+        What to call them.
+    """
+    ranges, out = {r.joint: r for r in known}, []
+    for what in QUANTITIES:
+        parts = [
+            _part(problem, j, what, ranges[joint])
+            for j, joint in enumerate(problem.joints)
+            if joint in ranges
+        ]
+        beyond = "; ".join(p for p in parts if p)
+        if beyond:
+            out.append(
+                f"the {which} leaves the identified {what} range; "
+                f"predictions there are extrapolations: {beyond}"
+            )
     return out
 
 
-def _inside(result: FitResult, t: Term) -> bool:
-    return searched(result.problem, t) and not end_of_range(result.problem, t)
+def leaves(known: Sequence[Range], problem: Problem, j: int) -> bool:
+    """Whether joint j leaves its identified range in any quantity."""
+    own = [r for r in known if r.joint == problem.joints[j]]
+    return any(_part(problem, j, what, r) for r in own for what in QUANTITIES)
 
 
-def _name(result: FitResult, place: Place) -> str:
-    term = result.terms[place[0]]
-    return f"{prefix(term, result.problem.joints)}.{term.effect.shape[place[1]].name}"
-
-
-def _errors(
-    result: FitResult, free: NDArray[np.bool_], places: list[Place]
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Errors of the free coefficients and of shape values, and whether the data determine them."""
-    problem, sigma = result.problem, result.sigma
-    least = noise_to_signal(problem.y / sigma[:, None])
-    x = basis(result.x[:, free] * np.repeat(1.0 / sigma, problem.n)[:, None], least)
-    columns = [derivative(problem, result.terms, result.theta, result.slices, *p) for p in places]
-    j = np.stack([(c / sigma[:, None]).reshape(-1) for c in columns], axis=1)
-    r = (result.residual / sigma[:, None]).reshape(-1)
-    b = extended(x, j, least)
-    blocks = np.tile(time_blocks(problem), problem.d)
-    variance = np.diag(cluster_covariance(r, b, blocks))
-    step = _step(result, x, j, r, places, least)
-    return np.sqrt(variance + step**2), b.identifiable()
-
-
-def _step(
-    result: FitResult, x: Basis, j: FloatArray, r: FloatArray, places: list[Place], least: float
-) -> FloatArray:
-    """Gauss-Newton step to the joint optimum; a shape value on its bound does not go beyond."""
-    count, inside = x.scale.size, np.ones(len(places), dtype=bool)
-    for _ in range(len(places) + 1):
-        b = extended(x, j * inside, least)
-        step = b.solve(r, np.zeros(b.scale.size), np.zeros(r.size))
-        beyond = [
-            inside[n] and not _allowed(result, p, float(step[count + n]))
-            for n, p in enumerate(places)
-        ]
-        if not any(beyond):
-            break
-        inside &= ~np.array(beyond)
-    return step
-
-
-def _allowed(result: FitResult, place: Place, step: float) -> bool:
-    """Whether a shape value that moves by `step` stays within its bounds."""
-    k, i = place
-    p, value = result.terms[k].effect.shape[i], result.terms[k].shape[i]
-    return p.lower <= value + step <= p.upper
-
-
-def _wider(v: Value, stderr: float, own: bool = False) -> Value:
-    """The value with an error that is no smaller than the one it had; `own`: it had none."""
-    if own:
-        size = min(OPEN * abs(v.value), v.upper - v.lower)
-        return replace(v, stderr=stderr if stderr < size else float("nan"))
-    return replace(v, stderr=max(v.stderr, stderr)) if v.stderr == v.stderr else v
-
-
-def _renewed(model: RobotModel, new: dict[str, Value]) -> RobotModel:
-    """The model with these values in place of its own."""
-    effects = tuple(
-        replace(u, values={n: new.get(n, v) for n, v in u.values.items()}) for u in model.effects
+def _part(problem: Problem, j: int, what: str, known: Range) -> str:
+    """How often and how far joint j leaves its range; empty where that is rare."""
+    x, (low, high) = _values(problem, j, what), range_limits(known, what)
+    share = float(np.mean((x < low) | (x > high)))
+    if share <= WORTH:
+        return ""
+    low, high = getattr(known, what)
+    return (
+        f"{problem.joints[j]} for {100 * share:.0f} % of the time ({x.min():.3g} to {x.max():.3g}, "
+        f"identified {low:.3g} to {high:.3g} {_unit(problem, j, what)})"
     )
-    return replace(model, effects=effects)
+
+
+def _unit(problem: Problem, j: int, what: str) -> str:
+    unit = problem.robot.units[j]
+    return {"position": unit, "speed": f"{unit}/s", "load": "N" if unit == "m" else "N m"}[what]

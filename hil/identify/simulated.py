@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify.design import stack
+from hil.identify.fit import predict
 from hil.identify.outputerror import Asked, Coordinates, Simulator, Task, descend
-from hil.identify.predict import predict
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult, relative
 from hil.record.recording import Recording

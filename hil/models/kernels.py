@@ -7,28 +7,39 @@ import numpy as np
 
 from hil.models.motion import FloatArray
 
+#: Least part of its stiffness that a weight which tips over leaves of a spring.
+LEAST_PART = 0.1
+
 
 @numba.njit(cache=True, nogil=True)
 def sprung(
-    load: FloatArray, inertia: FloatArray, dt: float, stiffness: float, zeta: float
+    load: FloatArray,
+    inertia: FloatArray,
+    weight: FloatArray,
+    dt: float,
+    stiffness: float,
+    zeta: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Effort that a spring passes to the link behind it, its stretch and its rate, (n,) each.
 
     As the load is what the link would need to move with the motor, the stretch obeys
 
-        (I d')' + c d' + k d = load,    effort = k d + c d',    c = 2 zeta sqrt(k I);
+        (I d')' + c d' + (k + G) d = load,    effort = k d + c d',    c = 2 zeta sqrt(k I)
 
-    other joints change I, and a joint's own position does not.  Exact for an inertia that is
-    constant over a step, between which I d' stays; the load is taken at the middle of the step.
+    with G = `weight`, by which the load grows with the link's position: a pendulum behind a spring
+    swings faster than the spring alone lets it.  Other joints change I, and a joint's own position
+    does not.  Exact for an inertia and a weight that are constant over a step, between which I d'
+    stays; the load is taken at the middle of the step.
     A recording begins somewhere within a motion: the state at its start is the one from which the
     effort swings least about the load, which is what is left once the start is forgotten.
     """
     out = np.empty((3, load.size))
     free, other = np.empty((3, load.size)), np.empty((3, load.size))
     none = np.zeros(load.size)
-    _swung(load, inertia, dt, stiffness, zeta, load[0] / stiffness, 0.0, out)
-    _swung(none, inertia, dt, stiffness, zeta, 1.0, 0.0, free)
-    _swung(none, inertia, dt, stiffness, zeta, 0.0, np.sqrt(stiffness / inertia[0]), other)
+    _swung(load, inertia, weight, dt, stiffness, zeta, load[0] / stiffness, 0.0, out)
+    _swung(none, inertia, weight, dt, stiffness, zeta, 1.0, 0.0, free)
+    fast = np.sqrt(stiffness / inertia[0])
+    _swung(none, inertia, weight, dt, stiffness, zeta, 0.0, fast, other)
     aa = ab = bb = ay = by = 0.0
     for n in range(load.size):
         y = load[n] - out[0, n]
@@ -48,6 +59,7 @@ def sprung(
 def _swung(
     load: FloatArray,
     inertia: FloatArray,
+    weight: FloatArray,
     dt: float,
     stiffness: float,
     zeta: float,
@@ -56,18 +68,20 @@ def _swung(
     out: FloatArray,
 ) -> None:
     """Effort, stretch and rate of `sprung` from a stretch d and a rate v, to out (3, n)."""
-    same, co, si, shrink, damped, decay, w, damping = 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0
+    same, hung, co, si, shrink, damped = 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
+    decay, w, damping, whole = 0.0, 1.0, 0.0, stiffness
     for n in range(load.size):
-        if inertia[n] != same:
+        if inertia[n] != same or weight[n] != hung:
             if n:
                 v *= same / inertia[n]
-            same = inertia[n]
-            w = np.sqrt(stiffness / same)
-            decay, damping = zeta * w, 2.0 * zeta * same * w
+            same, hung = inertia[n], weight[n]
+            whole = max(stiffness + hung, LEAST_PART * stiffness)
+            w, decay = np.sqrt(whole / same), zeta * np.sqrt(stiffness / same)
+            damping = 2.0 * same * decay
             damped = np.sqrt(max(w * w - decay * decay, 1e-6 * w * w))
             co, si, shrink = np.cos(damped * dt), np.sin(damped * dt), np.exp(-decay * dt)
         if n:
-            goal = 0.5 * (load[n] + load[n - 1]) / stiffness
+            goal = 0.5 * (load[n] + load[n - 1]) / whole
             e = d - goal
             a = (v + decay * e) / damped
             e, v = (
@@ -117,6 +131,7 @@ def softened(
     load: FloatArray,
     speed: FloatArray,
     inertia: FloatArray,
+    weight: FloatArray,
     dt: float,
     stretch: float,
     tension: float,
@@ -132,19 +147,19 @@ def softened(
     As in `sprung`, but with a stretch d that does not grow with the tension T for ever, and a
     damping that grows as the stiffness does (a loss within the cable):
 
-        (I d')' + P = L,    P = T + c T',    d = s T / (T0 + |T|),
+        (I d')' + G d + P = L,    P = T + c T',    d = s T / (T0 + |T|),
         L = load + F sat((v - d') / v0)
 
-    with s = `stretch`, T0 = `tension`, c = `lag` and sat x = min(max(x, -1), 1).  Each sample is
-    gone in `parts` steps h of the backward formula x' = (x - e) / g, e = (4 x_1 - x_2) / 3,
-    g = 2 h / 3, which is of second order and lets no step bounce off a stiffness that it does not
-    resolve:
+    with G = `weight`, s = `stretch`, T0 = `tension`, c = `lag` and sat x = min(max(x, -1), 1).
+    Each sample is gone in `parts` steps h of the backward formula x' = (x - e) / g,
+    e = (4 x_1 - x_2) / 3, g = 2 h / 3, which is of second order and lets no step bounce off a
+    stiffness that it does not resolve:
 
-        d + w T = r,    w = g (g + c) / I,    r = e_d + g e_v + g (g L + c e_T) / I,
+        d + w T = r,    w = g (g + c) / I',    r = (e_d + g e_v) I / I' + g (g L + c e_T) / I'
 
-    a quadratic equation in T; between two samples I d' stays.  What is passed at a sample is
-    L - (I d')' with d' from the sample before to the one after it, so that no blow between two of
-    them is lost.
+    with I' = I + g^2 G, a quadratic equation in T; between two samples I d' stays.  What is passed
+    at a sample is L - (I d')' - G d with d' from the sample before to the one after it, so that no
+    blow between two of them is lost.
     """
     out, rates, second = np.empty(load.size), np.zeros(load.size), np.zeros(load.size)
     stretched = np.empty(load.size)
@@ -155,7 +170,9 @@ def softened(
     g, step, third = 2.0 * dt / (3.0 * parts), 1.0 / parts, 1.0 / 3.0
     rate, sharp = 1.0 / g, 1.0 / slow
     for n in range(1, load.size):
-        turn, per = inertia[n - 1] / inertia[n], g / inertia[n]
+        turn, whole = inertia[n - 1] / inertia[n], inertia[n] + g * g * weight[n]
+        whole = max(whole, LEAST_PART * inertia[n])
+        per, share = g / whole, inertia[n] / whole
         v, v_past = v * turn, v_past * turn
         w, rise, pull = per * (g + lag[n]), (load[n] - load[n - 1]) * step, load[n - 1]
         for _ in range(parts):
@@ -164,7 +181,8 @@ def softened(
             if friction > 0.0:
                 own += friction * min(max((speed[n] - v) * sharp, -1.0), 1.0)
             before, start = (4.0 * t - t_past) * third, (4.0 * d - d_past) * third
-            r = start + g * third * (4.0 * v - v_past) + per * (g * own + lag[n] * before)
+            r = share * (start + g * third * (4.0 * v - v_past))
+            r += per * (g * own + lag[n] * before)
             # w T^2 + (w T0 + s - |r|) |T| = |r| T0, by the form that does not cancel
             size = abs(r)
             b = w * tension + stretch - size
@@ -178,6 +196,7 @@ def softened(
     for n in range(1, load.size - 1):
         second[n] = (rates[n + 1] - rates[n - 1]) / (2.0 * dt)
         out[n] -= (inertia[n + 1] * rates[n + 1] - inertia[n - 1] * rates[n - 1]) / (2.0 * dt)
+        out[n] -= weight[n] * stretched[n]
     return out, stretched, rates, second
 
 

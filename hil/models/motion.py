@@ -24,6 +24,9 @@ class Response(Protocol):
     def gradient(self) -> FloatArray:
         """Derivative of tau_i by q_j at rest, shape (n, d, d)."""
 
+    def weight(self, j: int) -> FloatArray:
+        """Derivative of joint j's load at rest by its own position, of masses alone, shape (n,)."""
+
     def slope(self, j: int) -> FloatArray:
         """Derivative of tau_i by q_j along the motion, with its speeds, shape (n, d)."""
 

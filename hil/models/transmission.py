@@ -65,7 +65,8 @@ def passing(
     load, speed = carried(motion, j, own), np.ascontiguousarray(motion.qd[:, j])
     slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
     inertia = link_inertia(motion, j, own)
-    passed, *moved = softened(load, speed, inertia, motion.dt, *soft, lag, rub, slow, parts)
+    weight = link_weight(motion, j)
+    passed, *moved = softened(load, speed, inertia, weight, motion.dt, *soft, lag, rub, slow, parts)
     out = felt(motion, j, *moved)
     out[:, j] = passed - load - rub * np.clip(speed / slow, -1.0, 1.0)
     return out[:, :, None]
@@ -112,6 +113,13 @@ def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
             return np.ascontiguousarray(np.maximum(link, NEXT_TO_NONE * mean if own else 0.0))
     slope = float(np.std(carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
     return np.full(motion.n, max(slope, 1e-12))
+
+
+def link_weight(motion: Motion, j: int) -> FloatArray:
+    """By how much the weight of the link grows with the link's own position (n,)."""
+    if motion.response is None:
+        return np.zeros(motion.n)
+    return motion.response.weight(j)
 
 
 def rotors(motion: Motion, j: int, own: float) -> list[float]:
@@ -283,9 +291,10 @@ class ElasticTransmission(_Resonance):
     name, family = "elastic-transmission", "transmission"
     doc = Doc(
         equation=(
-            "tau = a (T - load - fl sgn v),  (I d')' + T = load + fl sgn(v - d'),  "
+            "tau = a (T - load - fl sgn v),  (I d')' + G d + T = load + fl sgn(v - d'),  "
             "T = k d + c d',  c = 2 zeta sqrt(k I);  "
-            "d and T: stretch and tension; load and the link's inertia I without the motor's i"
+            "d and T: stretch and tension; load, its growth G with the link's position and "
+            "the link's inertia I without the motor's i"
         ),
         signature="residual grows with frequency towards a resonance, and rings after reversals",
         confused_with=("vibration-mode", "hardening-cable", "armature"),
@@ -323,9 +332,11 @@ class ElasticTransmission(_Resonance):
             lag = lag_of(inertia, k, zeta)
             return passing(motion, j, (tension / k, tension), lag, rub, own)
         load = carried(motion, j, own)
-        passed, stretch, rate = sprung(load, inertia, motion.dt, k, zeta)
+        weight = link_weight(motion, j)
+        passed, stretch, rate = sprung(load, inertia, weight, motion.dt, k, zeta)
         grows = np.gradient(inertia, motion.dt)
-        out = felt(motion, j, stretch, rate, (load - passed - grows * rate) / inertia)
+        second = (load - passed - weight * stretch - grows * rate) / inertia
+        out = felt(motion, j, stretch, rate, second)
         out[:, j] = passed - load
         return out[:, :, None]
 
@@ -433,7 +444,8 @@ class VibrationMode(_Resonance):
         """(H - 1) qdd."""
         w, qdd = 2 * np.pi * float(shape[0]), np.ascontiguousarray(motion.qdd[:, j])
         # unit mass: k = w^2
-        passed, _, _ = sprung(qdd, np.ones(motion.n), motion.dt, w * w, float(shape[1]))
+        one, none = np.ones(motion.n), np.zeros(motion.n)
+        passed, _, _ = sprung(qdd, one, none, motion.dt, w * w, float(shape[1]))
         return (passed - qdd)[:, None]
 
 

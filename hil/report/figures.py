@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.residuals import Spectrum, View, order_spectra, time_spectra, views
 from hil.diagnosis.types import Candidate
-from hil.identify.predict import QUANTITIES, limits
+from hil.identify.fit import QUANTITIES, range_limits
 from hil.report.data import Material, number
 from hil.report.elements import (
     AFTER,
@@ -165,7 +165,7 @@ def _beyond(fig: Any, m: Material, view: View, row: int, column: int) -> None:
     known = next((r for r in m.valid if r.joint == view.joint), None)
     if known is None or view.feature not in QUANTITIES:
         return
-    low, high = limits(known, view.feature)
+    low, high = range_limits(known, view.feature)
     if view.feature.startswith(UNEVEN_AXES):
         at = np.arange(view.edges.size, dtype=float)
         low, high = (float(np.interp(x, view.edges, at)) for x in (low, high))

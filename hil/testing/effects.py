@@ -125,6 +125,10 @@ class _Stiff:
         )
         self._n, self._d = n, d
 
+    def weight(self, j: int) -> FloatArray:
+        """As the stiffness."""
+        return np.ascontiguousarray(self.gradient[:, j, j])
+
     def slope(self, j: int) -> FloatArray:
         """As the stiffness."""
         return self.gradient[:, :, j]

@@ -5,7 +5,8 @@ import plants
 import pytest
 
 from hil.identify.design import Term
-from hil.identify.fit import complete, derivative, fit
+from hil.identify.fit import fit
+from hil.identify.gauss_newton import complete, derivative
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, extended
 from hil.identify.result import FitResult

@@ -8,8 +8,7 @@ import plants
 import pytest
 from scipy.optimize import LinearConstraint, minimize
 
-from hil.identify.fit import fit
-from hil.identify.predict import predict
+from hil.identify.fit import fit, predict
 from hil.identify.problem import Problem
 from hil.identify.regression import Nearness, basis
 from hil.identify.solve import Pull, serves

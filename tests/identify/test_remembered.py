@@ -6,8 +6,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.identify.fit import fit
-from hil.identify.predict import identified
+from hil.identify.fit import fit, identified
 from hil.identify.problem import AUTOMATIC, Problem
 from hil.identify.slow_motion import slow_delay
 from hil.models import catalogue

@@ -1,0 +1,56 @@
+"""A load that a spring multiplies is that of the masses that are fitted, in the fit as after it."""
+
+from __future__ import annotations
+
+import numpy as np
+import plants
+import pytest
+
+import hil
+
+#: Motor and link [kg m^2], spring [N m/rad], its damping [N m s/rad], weight of the link [N m].
+MOTOR, LINK, SPRING, DAMPING, WEIGHT = 0.09, 0.28, 180.0, 0.6, 9.0
+DT, PARTS = 4e-3, 8
+
+
+def swinging(seed: int, weight: float, seconds: float = 24.0):
+    """A link of 4 Hz on a spring, moved through it by a servo that knows nothing of the link."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds / DT) * PARTS) * DT / PARTS
+    wanted, speed, _ = plants.sines(
+        t,
+        2 * np.pi * np.array([0.3, 0.9, 2.1, 3.1]),
+        np.array([0.4, 0.2, 0.06, 0.04]),
+        rng.uniform(0, 6.28, 4),
+    )
+    rise = np.clip(t / 3, 0, 1)
+    wanted, speed = rise * wanted, rise * speed + (t < 3) * wanted / 3
+    m = vm = link = vl = 0.0
+    h, q, tau = DT / PARTS, [], []
+    for k in range(t.size):
+        effort = 60.0 * (wanted[k] - m) + 6.0 * (speed[k] - vm)
+        pull = SPRING * (m - link) + DAMPING * (vm - vl)
+        if k % PARTS == 0:
+            q.append(m)
+            tau.append(effort)
+        vm += h * (effort - pull - 0.9 * np.tanh(vm / 0.01) - 0.35 * vm) / MOTOR
+        vl += h * (pull - weight * np.sin(link)) / LINK
+        m, link = m + h * vm, link + h * vl
+    noise = 0.05 * rng.standard_normal(len(tau))
+    return plants.single(f"swing{seed}", t[::PARTS], np.array(q), np.array(tau) + noise)
+
+
+@pytest.mark.parametrize("weight", [0.0, WEIGHT])
+def test_a_spring_near_its_resonance_is_as_good_on_another_run(weight: float) -> None:
+    run, other = swinging(1, weight), swinging(2, weight)
+    model = hil.base_model(run.robot) + "elastic-transmission"
+    fitted = hil.fit([run], model + "unbalance" if weight else model)
+    as_it_is = fitted.model.as_it_is()
+    own, seen = (float(hil.fit([r], as_it_is).relative[0]) for r in (run, other))
+    # what the written values foretell of the fitted run is what the fit has left of it
+    assert own == pytest.approx(float(fitted.relative[0]), rel=0.05)
+    assert seen < 1.5
+    k, a = (fitted.values[f"j1.elastic-transmission.{n}"] for n in ("k", "a"))
+    assert k.value * a.value == pytest.approx(SPRING, rel=0.03)
+    if weight:  # only the weight tells the motor's inertia from the link's
+        assert abs(k.value - SPRING) < 3 * k.stderr
