@@ -4,7 +4,10 @@ The file is walked record by record and chunk by chunk; what a killed writer lef
 to the last complete chunk.  Where a record cannot be one, the walk goes on at the next place
 where three records follow each other: a damaged length costs its record and no other.
 Definitions are believed where a checksum covers them (summary, chunks), and taken as they
-stand where none does.  Payloads stay bytes: decoding is done a channel at a time.
+stand where none does.  Messages beside the chunks are such only where the summary counts them, or
+where there are no chunks: one damaged bit makes a message of a definition or an index.  What no
+record shows, the checksum of all bytes does.  Payloads stay bytes: decoding is done a channel at a
+time.
 
 Messages of all channels are kept as they are read until every topic gets its own: columns of
 numbers, and payloads that stay where they were read.  Where the messages of a chunk lie is found by
@@ -137,6 +140,9 @@ class Messages:
         self._rows: list[Row] = []
         self._times: list[int] = []
 
+    def __len__(self) -> int:
+        return sum(map(len, self._where)) + len(self._rows)
+
     def add(self, data: bytes) -> int:
         """Keep the bytes of a chunk; where they begin among all of them."""
         self._raw += data
@@ -193,7 +199,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _FOOTER, _SCHEMA, _CHANNEL, _MSG, _CHUNK, _ATTACHMENT = 2, 3, 4, 5, 6, 9
-_ATTACHMENT_INDEX, _METADATA, _DATA_END = 10, 12, 15
+_ATTACHMENT_INDEX, _STATISTICS, _METADATA, _DATA_END = 10, 11, 12, 15
 #: Opcodes from here on are a writer's own, and are passed over.
 _PRIVATE = 0x80
 _UNREADABLE = (struct.error, zstandard.ZstdError, UnicodeDecodeError, KeyError, ValueError)
@@ -233,7 +239,8 @@ class Container:
     size, unread : int
         Bytes there are, and bytes at the end that no complete record holds.
     damaged : int
-        Records within that could not be read, or whose checksum is wrong; they are left out.
+        Records within that could not be read, or whose checksum is wrong; they are left out, or
+        taken from their copy.  At least 1 where the checksum of all bytes is wrong.
     recovery : dict
         What the file was recovered from, and what was lost then; empty of another file.
     """
@@ -369,16 +376,20 @@ def _next_record(raw: bytes, start: int, limit: int) -> int:
     return -1
 
 
-def _summary(raw: bytes) -> bytes:
-    """Records of the summary where its checksum is right; empty where there is none."""
+def _summary(raw: bytes) -> tuple[bytes, bool]:
+    """Records of the summary, and whether its checksum is wrong; empty where none is right."""
     at = len(raw) - len(MAGIC) - HEAD - 20
     if at < len(MAGIC) or not raw.endswith(MAGIC):
-        return b""
+        return b"", False
     code, length = _RECORD.unpack_from(raw, at)
     start, _, checksum = struct.unpack_from("<QQI", raw, at + HEAD)
-    if code != _FOOTER or length != 20 or not len(MAGIC) <= start < at:
-        return b""
-    return raw[start:at] if zlib.crc32(raw[start : at + HEAD + 16]) == checksum else b""
+    if (code, length) != (_FOOTER, 20):
+        return b"", True
+    if not start or not checksum:
+        return b"", False
+    if len(MAGIC) <= start < at and zlib.crc32(raw[start : at + HEAD + 16]) == checksum:
+        return raw[start:at], False
+    return b"", True
 
 
 class _Reader:
@@ -395,10 +406,16 @@ class _Reader:
         self.copies: dict[str, bytes] = {}
         #: Bytes that the chunks say they unpack to.
         self.claimed = 0
+        #: Messages beside the chunks.
+        self.loose: list[tuple[int, int, int, int, int]] = []
+        #: Whether there are chunks; messages that the summary counts, -1 where it does not say.
+        self.chunked, self.counted = False, -1
+        #: Where the record stands that is read, and the last copy of the metadata.
+        self.at = self.copied = 0
 
     def read(self, raw: bytes) -> None:
         """The whole file."""
-        summary = _summary(raw)
+        summary, broken = _summary(raw)
         limit = len(raw) - len(MAGIC) - HEAD - 20 - len(summary) if summary else len(raw)
         attachments = self.definitions(summary)
         stop, ended = self.records(raw, limit)
@@ -406,6 +423,7 @@ class _Reader:
         later = self.out.metadata
         for offset, length in attachments:
             if offset not in self.walked and offset + length <= limit:
+                self.at = offset
                 self.whole(_ATTACHMENT, raw[offset + HEAD : offset + length])
         self.out.metadata = {**later, **self.out.metadata}
         room = min(_ROOM, RATIO * len(raw))
@@ -413,7 +431,11 @@ class _Reader:
             if text := _unpacked(self.copies[name], room) if room else b"":
                 self.out.attachments[name] = text
                 room -= len(text)
+        self.take_loose()
         self.found.hand_out(self.channels)
+        if self.messages and not self.out.damaged:
+            wrong = _differs(raw, limit if summary else stop + HEAD + 4)
+            self.out.damaged = int(wrong or (broken and ended))
         self.out.truncated = not (ended and raw.endswith(MAGIC))
         self.out.unread = 0 if ended else len(raw) - stop
 
@@ -427,6 +449,8 @@ class _Reader:
                 self.record(code, data, proven=True)
             elif code == _ATTACHMENT_INDEX:
                 attachments.append(struct.unpack_from("<QQ", data))
+            elif code == _STATISTICS:
+                (self.counted,) = struct.unpack_from("<Q", data)
             at += HEAD + length
         return attachments
 
@@ -450,8 +474,10 @@ class _Reader:
                 raw[at + HEAD + 28 : at + HEAD + 36] == b"\x04\0\0\0zstd"
                 and _chunk_fits(raw, at + HEAD, end - at - HEAD)
             )
+            self.chunked = self.chunked or chunk
             if code == _ATTACHMENT:
                 self.walked.add(at)
+            self.at = at
             if not chunk or self.messages:
                 self.whole(_CHUNK if chunk else code, raw[at + HEAD : end])
             doubt = end if chunk else at + 1
@@ -508,11 +534,25 @@ class _Reader:
             at += length
 
     def message(self, data: bytes, at: int, length: int, base: int) -> None:
+        """A message of a chunk."""
+        self.found.note(*self.row(data, at, length, base))
+
+    def row(self, data: bytes, at: int, length: int, base: int) -> tuple[int, int, int, int, int]:
+        """Channel, sequence number, time, and place and size of the payload of a message."""
         number, sequence, log_time, _ = _MESSAGE.unpack_from(data, at)
         if number not in self.channels or not _MESSAGE.size <= length <= len(data) - at:
             raise struct.error("message of no channel, or not whole")
         start = base + at + _MESSAGE.size
-        self.found.note(number, sequence, log_time, start, length - _MESSAGE.size)
+        return number, sequence, log_time, start, length - _MESSAGE.size
+
+    def take_loose(self) -> None:
+        """Messages beside the chunks that are none by the damage of a bit."""
+        count = len(self.found)
+        if self.chunked and not 0 <= count + len(self.loose) <= self.counted:
+            self.out.damaged += len(self.loose)
+            return
+        for row in self.loose:
+            self.found.note(*row)
 
     def record(self, code: int, data: bytes, proven: bool = False) -> None:
         """Any record but a chunk; `proven`: a checksum covers it."""
@@ -523,7 +563,9 @@ class _Reader:
             if proven:
                 self.proven.add((code, number))
         elif code == _MSG:
-            self.message(data, 0, len(data), self.found.add(data))
+            if _defines(data):
+                raise struct.error("a channel, and no message")
+            self.loose.append(self.row(data, 0, len(data), self.found.add(data)))
         elif code == _METADATA:
             name, at = _text(data, 0)
             self.out.metadata[name] = _pairs(data, at)
@@ -550,6 +592,14 @@ class _Reader:
         self.channels[number] = self.out.topics.setdefault(name, topic)
         self.found.known[number] = True
 
+    def copy(self, records: dict[str, dict[str, str]]) -> None:
+        """Metadata of a copy: all until there, of which some may be damaged."""
+        if self.at < self.copied:
+            return
+        self.copied, read = self.at, self.out.metadata
+        self.out.damaged += sum(read.get(name) != record for name, record in records.items())
+        self.out.metadata = records
+
     def attachment(self, data: bytes) -> None:
         """Keep an attached file, if its checksum is right."""
         name, at = _text(data, 16)
@@ -560,12 +610,32 @@ class _Reader:
             raise struct.error("checksum of the attachment")
         content = data[at + 8 : at + 8 + n]
         if name == METADATA_COPY:
-            # all until here, of which one may be damaged
-            self.out.metadata = _records(content)
+            self.copy(_records(content))
         elif name.startswith(FILE_COPY):
             self.copies[name.removeprefix(FILE_COPY)] = content
         else:
             self.out.attachments[name] = content
+
+
+def _defines(data: bytes) -> bool:
+    """Whether the fields of a channel's definition fill a record exactly."""
+    try:
+        _, at = _text(data, 4)
+        _, at = _text(data, at)
+        (n,) = struct.unpack_from("<I", data, at)
+    except (struct.error, UnicodeDecodeError):
+        return False
+    return bool(at + 4 + n == len(data))
+
+
+def _differs(raw: bytes, stop: int) -> bool:
+    """Whether the checksum of all bytes before the end of the data, at `stop`, is wrong."""
+    at = stop - HEAD - 4
+    if at < len(MAGIC) or stop > len(raw) or _RECORD.unpack_from(raw, at) != (_DATA_END, 4):
+        return False
+    (checksum,) = struct.unpack_from("<I", raw, at + HEAD)
+    # some writers leave out the first bytes, which are the same in every file
+    return bool(checksum) and checksum not in (zlib.crc32(raw[:at]), zlib.crc32(raw[8:at]))
 
 
 def _records(content: bytes) -> dict[str, dict[str, str]]:

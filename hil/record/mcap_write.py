@@ -27,6 +27,7 @@ from hil.record.recovery import (
     CHUNK_BYTES,
     FRAME,
     chunk_closer,
+    copy_metadata,
     create,
     define_channel,
     define_schema,
@@ -328,6 +329,8 @@ class SessionWriter:
         self._file = create(path, overwrite)
         self._writer = mcap_writer(self._file, largest)
         self._end_chunk = chunk_closer(self._writer)
+        self._records = {name: dict(record) for name, record in metadata.items()}
+        self._late = False
         describe(self._writer, metadata, attachments or {})
         self._encode: dict[str, tuple[int, int, Callable[[int, Sequence[float]], bytes]]] = {}
         self._schemas: dict[tuple[str, str], int] = {}
@@ -495,6 +498,7 @@ class SessionWriter:
         """Add a record that was not known at the beginning."""
         self._end_chunk()
         self._writer.add_metadata(name, dict(record))
+        self._records[name], self._late = dict(record), True
 
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
@@ -536,6 +540,8 @@ class SessionWriter:
                 self._write_frames(last=True)
                 for name, record in self._at_the_end().items():
                     self.metadata(name, record)
+                if self._late:
+                    copy_metadata(self._writer, self._records)
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
                 if self._sync_ns:

@@ -95,10 +95,15 @@ def describe(
         writer.add_metadata(name, dict(record))
     for name, data in attachments.items():
         writer.add_attachment(0, 0, name, "application/octet-stream", data)
-    copy = json.dumps({name: dict(record) for name, record in metadata.items()}, sort_keys=True)
-    writer.add_attachment(0, 0, METADATA_COPY, "application/json", copy.encode())
+    copy_metadata(writer, metadata)
     for name, data in attachments.items():
         writer.add_attachment(0, 0, FILE_COPY + name, "application/zlib", zlib.compress(data, 9))
+
+
+def copy_metadata(writer: Writer, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """Attach all metadata until here, with a checksum."""
+    copy = json.dumps({name: dict(record) for name, record in metadata.items()}, sort_keys=True)
+    writer.add_attachment(0, 0, METADATA_COPY, "application/json", copy.encode())
 
 
 def define_schema(writer: Writer, name: str, encoding: str, text: bytes) -> int:

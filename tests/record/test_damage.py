@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 
 from hil.bench import record_speed
 from hil.cli import main
@@ -85,6 +87,79 @@ def test_a_damaged_file_that_is_attached_is_counted_and_read_from_its_copy(whole
     path.write_bytes(raw)
     assert list(read(path).attachments) == ["rig.toml"]
     assert read(path).damaged == 2
+
+
+def outside(raw, opcode):
+    """Where the records of a kind begin, those in chunks left aside."""
+    at, found = 8, []
+    while at < len(raw) - 8:
+        code, length = struct.unpack_from("<BQ", raw, at)
+        found += [at] if code == opcode else []
+        at += 9 + length
+    return found
+
+
+@pytest.mark.parametrize(("opcode", "bit"), [(4, 0), (7, 1)])
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_definition_or_an_index_becomes_no_message(whole, tmp_path, opcode, bit, killed):
+    raw = whole.read_bytes()
+    ends = len(raw) if not killed else outside(raw, 6)[-1]
+    kept = rows(read_of(raw[:ends], tmp_path))
+    for at in [p for p in outside(raw, opcode) if p < ends][:: 1 + (opcode == 7) * 9]:
+        box = read_of(changed(whole, at, bit)[:ends], tmp_path)
+        assert rows(box) == kept, at
+        assert box.damaged >= 1, at
+
+
+def rows(box):
+    return {name: len(t) for name, t in box.topics.items() if len(t)}
+
+
+def read_of(raw, folder):
+    (folder / "x.mcap").write_bytes(raw)
+    return read(folder / "x.mcap")
+
+
+def test_messages_beside_the_chunks_are_read_where_the_summary_counts_them(tmp_path):
+    path = tmp_path / "x.mcap"
+    for packed in (False, True):
+        with path.open("wb") as file:
+            w = Writer(file, use_chunking=packed)
+            w.start()
+            number = w.register_channel("/a", "json", w.register_schema("n", "jsonschema", b"{}"))
+            for k in range(20):
+                w.add_message(number, k, b"{}", k, k)
+            if packed:
+                w.flush()
+                beside = Message(number, 99, b"{}", 99, 20)
+                beside.write(vars(w)["_Writer__record_builder"])
+                vars(w)["_Writer__statistics"].message_count += 1
+            w.finish()
+        box = read(path)
+        assert (len(box.topics["/a"]), box.damaged) == (20 + packed, 0)
+
+
+def test_metadata_of_the_end_survive_any_one_bit_and_the_damage_is_told(tmp_path, capsys):
+    path = tmp_path / "s.mcap"
+    with SessionWriter(path, [STATE, EFFORT], RECORDS, FILES) as w:
+        for k in range(50):
+            for topic in (STATE.topic, EFFORT.topic):
+                w.write(topic, k + 1, START + k * 10**6, [0.1 * k, 1.0])
+        w.metadata("loop", {"figures": "late"})
+    raw = path.read_bytes()
+    at = outside(raw, 12)[-1]
+    for place in range(at, outside(raw, 15)[0]):
+        box = read_of(changed(path, place, place % 8), tmp_path)
+        assert box.metadata == {**RECORDS, "loop": {"figures": "late"}}, place
+        assert box.damaged >= 1, place
+    assert main(["info", str(tmp_path / "x.mcap")]) == 0
+    assert "damaged record" in capsys.readouterr().out
+
+
+def test_a_bit_that_no_record_shows_is_told_by_the_checksum_of_all(whole, tmp_path):
+    at = outside(whole.read_bytes(), 7)[3] + 20
+    assert read(whole).damaged == 0
+    assert read_of(changed(whole, at, 1), tmp_path).damaged == 1
 
 
 @pytest.mark.parametrize("text", ["[1]", "{", "[" * 10**5, '{"a": [1], "session": {"seed": [7]}}'])
