@@ -128,7 +128,8 @@ def explain(
         return f"cannot read or write {where}: {error.strerror}", 2
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):
         # what pathlib says of it up to Python 3.12
-        return f"{in_short(error)}: it links to itself; give the file that is meant", 2
+        where = str(error).removeprefix("Symlink loop from ")
+        return f"cannot read or write {where}: it links to itself; give the file that is meant", 2
     if hidden := suspect(error):
         return hidden, 2
     return (

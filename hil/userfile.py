@@ -18,6 +18,8 @@ from typing import Any, BinaryIO
 
 #: Rig, model, map, trajectory and robot files are far below that [byte].
 LARGEST_TEXT = 4 * 2**20
+#: Any file that is read whole: a session, a table [byte].
+LARGEST = 2**48
 #: Tables within tables; the deepest of the package has five.
 DEEPEST = 32
 #: What TOML promises to hold: integers of 64 bits.
@@ -46,11 +48,13 @@ def open_regular(path: str | Path, most: int) -> BinaryIO:
     if "\0" in str(path):  # a file of TOML may name another so
         raise OSError(errno.EINVAL, "a name with a zero byte is no file's", str(path))
     # without O_NONBLOCK, opening a pipe waits for a writer
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb")
-    state = os.fstat(file.fileno())
+    number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    state = os.fstat(number)
     if stat.S_ISREG(state.st_mode) and state.st_size <= most:
-        return file
-    file.close()
+        return os.fdopen(number, "rb")
+    os.close(number)
+    if stat.S_ISDIR(state.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if stat.S_ISREG(state.st_mode):
         raise _too_large(path, state.st_size, most)
     raise OSError(errno.EINVAL, "it is a device or a pipe, not a regular file", str(path))

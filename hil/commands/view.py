@@ -31,7 +31,7 @@ from hil.record.container import MAGIC, RATIO
 from hil.record.layouts import VIEWERS, pages
 from hil.record.recovery import in_use
 from hil.revision import PROGRAM
-from hil.userfile import read_text
+from hil.userfile import LARGEST, open_regular, read_text
 
 EXAMPLE = (
     "hil view s.mcap --for foxglove\n  hil view s.mcap --for rerun -o s.py\n"
@@ -437,9 +437,11 @@ def _stream(path: Path, port: int, expected: bool) -> int:
     until = time.monotonic() + (_PATIENCE if expected else 0.0)
     while not path.exists() and time.monotonic() < until:
         time.sleep(_LOOKED)
-    if not path.is_file():
-        raise DataError(f"session {path}: no such file")
-    with path.open("rb") as file:
+    try:
+        opened = open_regular(path, LARGEST)
+    except OSError as error:
+        raise DataError(f"session {path}: {error.strerror}") from error
+    with opened as file:
         if file.read(len(MAGIC)) not in (b"", MAGIC):
             raise DataError(f"{path} is no session: it does not begin as one")
     _step_aside()

@@ -31,7 +31,7 @@ from hil.models.model import (
     in_words,
 )
 from hil.record.recording import RobotSource
-from hil.userfile import parse_toml, read_text, write_text
+from hil.userfile import LARGEST_TEXT, parse_toml, read_bytes, read_text, write_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid", "fitted")
@@ -357,7 +357,7 @@ def _holds(place: Path, urdf: str) -> bool:
     """Whether a file holds a URDF, however its lines end."""
     if not place.is_file():
         return False
-    return place.read_bytes().splitlines() == urdf.encode("utf-8").splitlines()
+    return read_bytes(place, LARGEST_TEXT).splitlines() == urdf.encode("utf-8").splitlines()
 
 
 def _robot_lines(model: RobotModel, urdf: Path | None) -> list[str]:

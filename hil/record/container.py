@@ -30,7 +30,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from hil.errors import DataError
-from hil.userfile import read_bytes
+from hil.userfile import LARGEST, read_bytes
 
 
 def _none() -> NDArray[np.int64]:
@@ -286,7 +286,7 @@ def read(path: str | Path, messages: bool = True) -> Container:
     """
     path = Path(path)
     try:
-        raw = read_bytes(path, 2**48)
+        raw = read_bytes(path, LARGEST)
     except OSError as error:
         raise DataError(f"session {path}: {error.strerror}") from error
     if not _is_mcap(raw):

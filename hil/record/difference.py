@@ -8,6 +8,7 @@ from pathlib import Path
 from hil.errors import DataError
 from hil.record.container import Container, Topic, read
 from hil.record.schema import numbers
+from hil.userfile import LARGEST, read_bytes
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,18 @@ def first_difference(first: str | Path, second: str | Path) -> Difference | None
     DataError
         If one of them is not a session.
     """
-    if Path(first).read_bytes() == Path(second).read_bytes():
-        return None
     a, b = read(first), read(second)
+    if _bytes(first) == _bytes(second):
+        return None
     found = [_topic(a, b, name) for name in {**a.topics, **b.topics}]
     real = [d for d in found if d is not None]
     if real:
         return min(real, key=lambda d: d.tick)
     return _beside(a, b) or Difference("bytes of the container", -1, "one", "another order or size")
+
+
+def _bytes(path: str | Path) -> bytes:
+    return read_bytes(path, LARGEST)
 
 
 def _topic(a: Container, b: Container, name: str) -> Difference | None:

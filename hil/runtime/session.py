@@ -38,6 +38,7 @@ from hil.runtime.watchdog import beside
 from hil.signals.device import Controller
 from hil.signals.frame import GAUGES, TIMING, TIMING_UNITS, FrameLayout
 from hil.signals.state import OperatingState
+from hil.userfile import LARGEST_TEXT, read_bytes
 
 
 def words(d: int) -> dict[str, str]:
@@ -179,7 +180,7 @@ def open_writer(
             attachments[f"robot/{arm}.urdf"] = robot_source(config.arms[arm]).urdf.encode()
     played = config.controller.parameters.get("trajectory")
     if isinstance(played, str) and played:
-        attachments["trajectory.toml"] = Path(played).read_bytes()
+        attachments["trajectory.toml"] = _attached(Path(played))
     if model is not None:
         attachments["model.toml"] = _attached(Path(model))
     plan, records = channels(config, rig.controller), describe(config, rig, seed)
@@ -201,7 +202,7 @@ def open_writer(
 
 def _attached(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path, LARGEST_TEXT)
     except OSError as error:
         raise ConfigError(f"cannot attach {path}: {error.strerror}") from error
 

@@ -32,7 +32,7 @@ from hil.record.tables import Imported, import_table
 from hil.record.units import FACTORS, axis_of
 from hil.report.data import rounded
 from hil.testing.effects import check_effect
-from hil.userfile import write_text
+from hil.userfile import LARGEST_TEXT, read_bytes, write_text
 
 #: What to do on the page, by the topic of an error (`HilError.about`).
 ADVICE = {
@@ -369,7 +369,7 @@ def learn(
     if len(text) > LARGEST:
         raise ConfigError(f"the text has {len(text)} characters; at most {LARGEST} are taken")
     source = text.encode()
-    if path.exists() and not ours and path.read_bytes() != source:
+    if path.exists() and not ours and read_bytes(path, LARGEST_TEXT) != source:
         raise ConfigError(f"cannot write {path}: a file is there; choose another name")
     consent.give(consent.plugin(path, source))
     # tried before it is written: one that never ends must not be loaded again by the next process

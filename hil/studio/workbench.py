@@ -28,6 +28,7 @@ from hil.report import effects
 from hil.report import text as sentences
 from hil.report.data import candidate_json, diagnosis_json, from_diagnosis, region_json, rounded
 from hil.report.html import comparison_report, diagnosis_report
+from hil.userfile import read_text
 
 #: Candidates that are listed.
 LISTED = 12
@@ -238,7 +239,7 @@ class Workbench:
         place = Path(path)
         if place.suffix != ".toml":
             raise ConfigError(f"cannot write {path}: a model file ends in .toml")
-        if place.exists() and "hil.model/" not in place.read_text(encoding="utf-8")[:400]:
+        if place.exists() and "hil.model/" not in read_text(place)[:400]:
             raise ConfigError(f"cannot write {path}: a file is there that is not a model file")
         write_model(self.compared().result.model, place)
         written = str(place.resolve())

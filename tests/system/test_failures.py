@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -209,6 +210,42 @@ def test_a_closed_standard_stream_takes_what_is_printed_nowhere(closed, tmp_path
     line = f"'{sys.executable}' -m hil effects stribeck {there} {closed}"
     assert subprocess.run(["/bin/sh", "-c", line], cwd=tmp_path).returncode == 0
     assert "Traceback" not in ((tmp_path / "seen").read_text() if there else "")
+
+
+SMALL = Path(__file__).parents[1] / "record" / "small.mcap"
+SHORT = ["--seconds", "0.1", "--clock", "lockstep", "-o", "OUT.mcap"]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "loop", "device"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "identify", *SHORT, "--model", "X"],
+        ["run", "identify", *SHORT, "--trajectory", "X"],
+        ["run", "X", *SHORT],
+        ["replay", str(SMALL), "--against", "X"],
+        ["replay", "X"],
+        ["info", "X"],
+        ["view", "X", "--live", "8799"],
+        ["export", "X", "--to", "csv", "-o", "OUT"],
+        ["import", "X", "-o", "OUT.mcap"],
+        ["import", "none.csv", "--map", "X", "-o", "OUT.mcap"],
+        ["trust", "X"],
+        ["design", "X"],
+    ],
+    ids=" ".join,
+)
+def test_what_is_no_regular_file_is_refused_at_once(kind, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    if kind == "pipe":
+        os.mkfifo("X.toml")
+    else:
+        Path("X.toml").symlink_to("X.toml" if kind == "loop" else "/dev/zero")
+    began = time.monotonic()
+    assert main([w.replace("X", "X.toml") if w == "X" else w for w in words]) == 2
+    assert time.monotonic() - began < 10.0
+    said = capsys.readouterr().err
+    assert "X.toml" in said and "Error:" not in said and said.count("\n") == 1
 
 
 def test_a_pipe_that_nobody_reads_is_no_output(tmp_path, capsys):
