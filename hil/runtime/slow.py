@@ -65,7 +65,7 @@ class SessionParts:
     Attributes
     ----------
     paths : list of Path
-        Files begun until now.
+        Files begun until now; absolute ones from when their folder was made anew.
 
     Raises
     ------
@@ -85,6 +85,7 @@ class SessionParts:
         self._length_ns, self._size = int(seconds * 1e9), int(megabytes * 1e6)
         split = seconds > 0.0 or megabytes > 0.0
         self.paths = [path]
+        self._folder = path.absolute().parent
         self._writer = open_part(path, {"number": "1"} if split else {})
         self._begun_ns = self._looked_ns = -1
 
@@ -131,6 +132,10 @@ class SessionParts:
     def _next(self, tick: int, t_ns: int, why: str) -> None:
         """Begin a new file."""
         number = len(self.paths) + 1
+        if not self._folder.is_dir():  # deleted with the file
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._say(f"the folder {self._folder} was made anew")
+            self.paths[0] = self._folder / self.paths[0].name
         path = part_path(self.paths[0], number)
         record = {
             "number": str(number),

@@ -149,10 +149,38 @@ def at_row(monkeypatch, ticks, do):
     monkeypatch.setattr(SessionParts, "write_rows", wrapped)
 
 
-def test_a_folder_that_is_deleted_ends_the_record_and_not_the_run(tmp_path, monkeypatch, capsys):
+def test_a_folder_that_is_deleted_is_made_anew_within_a_second(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "f" / "g"
+    folder.mkdir(parents=True)
+    at_row(monkeypatch, 100, lambda: shutil.rmtree(tmp_path / "f"))
+    assert main([*RUN, "1.2", "-o", str(folder / "s.mcap")]) == 0
+    told = capsys.readouterr()
+    assert f"the folder {folder} was made anew" in told.err and "s.part2.mcap" in told.out
+    assert load(folder / "s.part2.mcap", "leader").n > 600
+
+
+def test_a_working_directory_that_is_deleted_is_made_anew(tmp_path, monkeypatch):
+    folder, said = tmp_path / "f", []
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    parts = SessionParts(Path("s.mcap"), opened, say=said.append)
+    fill(parts, 3000, at=1000, do=lambda: shutil.rmtree(folder))
+    parts.close()
+    kept = loaded(folder / "s.part2.mcap")
+    assert kept == list(range(int(kept[0]), 3000)) and kept[0] <= 2000
+
+
+def test_a_folder_that_cannot_be_made_anew_ends_the_record_and_not_the_run(
+    tmp_path, monkeypatch, capsys
+):
     folder = tmp_path / "f"
     folder.mkdir()
-    at_row(monkeypatch, 100, lambda: shutil.rmtree(folder))
+
+    def harm():
+        shutil.rmtree(folder)
+        folder.write_text("a file in its place")
+
+    at_row(monkeypatch, 100, harm)
     assert main([*RUN, "1.2", "-o", str(folder / "s.mcap")]) == 2
     said = capsys.readouterr().err
     assert "not recorded any more" in said and "to its end" in said and "internal" not in said
