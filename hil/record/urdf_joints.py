@@ -7,10 +7,11 @@ any number for a mass, and memory with the cube of the joints.
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
-from hil.errors import DataError
+from hil.errors import DataError, unknown
 
 _KINDS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
 #: Largest URDF [characters], and what is more than any robot has; columns are named to q99.
@@ -35,6 +36,18 @@ _NUMBERS = {
 }
 #: They may be infinite, as exporters write where there is no limit.
 _BOUNDS = ("limit", "safety_controller")
+
+
+#: A number as XML writes it; Python's own reader takes digits of any script, and 1_000, too.
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|inf(?:inity)?|nan)", re.IGNORECASE
+)
+
+
+def _number(text: str) -> float:
+    if not _NUMBER.fullmatch(text.strip(" \t\r\n")):
+        raise ValueError(f"{text[:80]!r} is no number")
+    return float(text)
 
 
 @dataclass(frozen=True)
@@ -132,7 +145,7 @@ def gravity_of(root: ET.Element, where: str = "the URDF") -> tuple[float, float,
         return GRAVITY
     text = found[0].text or ""
     try:
-        x, y, z = (float(part) for part in text.split())
+        x, y, z = (_number(part) for part in text.split())
     except ValueError:
         x = y = z = math.nan
     if len(found) > 1 or not all(abs(v) < _ABSURD for v in (x, y, z)):
@@ -149,8 +162,9 @@ def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
     Raises
     ------
     DataError
-        If it is no URDF, is larger than any robot, has a loop, a number that no body has, or a
-        joint that its limits leave no way to move.
+        If it is no URDF, is larger than any robot, has a loop, several bases, a joint between
+        links that are not there, a number that no body has, or a joint whose axis or limits leave
+        it no way to move.
     """
     if len(text) > LARGEST or "<!DOCTYPE" in text:
         raise DataError(
@@ -169,6 +183,7 @@ def checked_urdf(text: str, where: str = "the URDF") -> ET.Element:
             if element.tag not in ("visual", "collision"):
                 _refuse_numbers(owner, element, where)
     _refuse_loops(root, where)
+    _refuse_forests(root, where)
     _refuse_ranges(root, where)
     gravity_of(root, where)
     return root
@@ -201,13 +216,19 @@ def _refuse_numbers(owner: ET.Element, element: ET.Element, where: str) -> None:
             continue
         place = f"{owner.tag} {owner.get('name')!r}: <{element.tag} {key}={text[:80]!r}>"
         try:
-            values = [float(x) for x in text.split()]
+            values = [_number(x) for x in text.split()]
         except ValueError:
             raise DataError(f"{where} does not parse: {place}; expected {count} numbers") from None
         if len(values) != count or any(math.isnan(x) for x in values):
             raise DataError(f"{where}: {place}; expected {count} numbers")
         if element.tag not in _BOUNDS and any(abs(x) > _ABSURD for x in values):
             raise DataError(f"{where}: {place}; no part of a machine has that in SI units")
+        moves = owner.tag == "joint" and owner.get("type") != "fixed"
+        if element.tag == "axis" and moves and not any(values):
+            raise DataError(
+                f"{where}: {place}; a joint moves about or along an axis, expected a direction "
+                "as 0 0 1, or the type fixed if it does not move"
+            )
         if key in ("value", "ixx", "iyy", "izz") and values[0] < 0:
             raise DataError(f"{where}: {place}; a mass or moment of inertia is not negative")
 
@@ -229,6 +250,31 @@ def _refuse_loops(root: ET.Element, where: str) -> None:
             if len(path) > len(parents):
                 raise DataError(f"{where}: the joints from {start!r} up form a loop")
         known.update(path)
+
+
+def _refuse_forests(root: ET.Element, where: str) -> None:
+    """Refuse joints between links that are not there, and several trees."""
+    links = [str(e.get("name")) for e in root.findall("link")]
+    held = set()
+    for joint in root.findall("joint"):
+        for tag in ("parent", "child"):
+            if (name := _link(joint, tag, where)) not in links:
+                raise DataError(
+                    f"{where}: joint {joint.get('name')!r} names the {tag} {name[:80]!r}: "
+                    + unknown("link", name, links)
+                )
+        held.add(_link(joint, "child", where))
+    tops = [name for name in links if name not in held]
+    if len(tops) > 1:
+        raise DataError(
+            f"{where} has {len(tops)} links that no joint holds ({_listed(tops)}); expected one, "
+            "the base: take out what does not belong to the robot, or hold it with a fixed joint"
+        )
+
+
+def _listed(names: list[str]) -> str:
+    """The first few names."""
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def _refuse_ranges(root: ET.Element, where: str) -> None:
@@ -271,6 +317,6 @@ def _limit(joint: ET.Element, key: str, where: str) -> float:
     """Attribute of a joint's limit, 0 where it has none."""
     limit = joint.find("limit")
     try:
-        return float(limit.get(key, "0")) if limit is not None else 0.0
+        return _number(limit.get(key, "0")) if limit is not None else 0.0
     except ValueError as error:
         raise DataError(f"{where}: joint {joint.get('name')!r}: limit: {error}") from error

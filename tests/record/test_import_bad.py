@@ -579,6 +579,13 @@ def with_mass(mass: str, moment: str = "1") -> str:
         (chain(1).replace("<limit", '<origin xyz="0 0"/><limit'), ("origin", "3 numbers")),
         (chain(1).replace("<limit", '<mimic joint="x" offset="a"/><limit'), ("mimic",)),
         ("<a>" * 100_000, ("XML",)),
+        (chain(1).replace("<limit", '<axis xyz="0 0 0"/><limit'), ("'j0'", "axis", "0 0 1")),
+        (chain(1).replace("<joint", '<link name="lamp"/><joint'), ("l0, lamp", "the base")),
+        (chain(2).replace('parent link="l1"', 'parent link="l9"'), ("'j1'", "link 'l9'", "l0, l1")),
+        (chain(2).replace('child link="l2"', 'child link="l8"'), ("'j1'", "link 'l8'")),
+        (chain(1).replace('effort="1"', 'effort="1_0"'), ("limit", "expected 1 number")),
+        (with_mass("1_000"), ("'b'", "mass", "expected 1 number")),
+        (with_mass("\u0661"), ("'b'", "mass", "expected 1 number")),
     ],
 )
 def test_a_robot_that_there_is_none_of(tmp_path, refuse, urdf, words):
@@ -586,6 +593,14 @@ def test_a_robot_that_there_is_none_of(tmp_path, refuse, urdf, words):
     refuse(changed(tmp_path, lambda c: None), *words, options=("--robot", str(tmp_path / "r.urdf")))
     with pytest.raises(ConfigError):  # where it comes with a model or a session
         UrdfRobot(urdf)
+
+
+def test_an_axis_of_a_joint_that_does_not_move_and_a_link_for_the_world_are_no_matter():
+    text = chain(1).replace('"l0"', '"world"').replace("<limit", '<axis xyz="0 -1E0 .5"/><limit')
+    text = text.replace("</robot>", '<link name="x"/><joint name="f" type="fixed"><parent ')
+    text += 'link="l1"/><child link="x"/><axis xyz="0 0 0"/></joint></robot>'
+    assert [j.name for j in urdf_joints(text)] == ["j0"]
+    assert UrdfRobot(text).joints == ("j0",)
 
 
 def test_a_long_chain_of_fixed_links_is_no_matter():
