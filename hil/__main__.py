@@ -23,6 +23,20 @@ def _at_once(number: int, frame: object) -> None:
     os._exit(130)
 
 
+def _keep_places() -> None:
+    """Open what is closed of the three standard streams, to nowhere.
+
+    The next file that is opened, a session, would be in its place, and take what is printed.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdin is None:
+        sys.stdin = open(0, closefd=False)
+
+
 def in_place_of_python(error: BaseException) -> str:
     """Sentence about a file that was imported instead of a module of Python; empty if none was.
 
@@ -109,6 +123,7 @@ except (Exception, SystemExit) as error:
 
 def program() -> NoReturn:
     """Run the command line and end the process."""
+    _keep_places()
     interrupts.arm()
     try:
         from hil.cli import main

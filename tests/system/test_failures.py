@@ -212,6 +212,22 @@ def test_a_closed_standard_stream_takes_what_is_printed_nowhere(closed, tmp_path
     assert "Traceback" not in ((tmp_path / "seen").read_text() if there else "")
 
 
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (f"info '{Path(__file__).parents[1] / 'record' / 'small.mcap'}'", 0),
+        ("run identify -o s.mcap --seconds 0.1 --clock lockstep", 0),
+        ("run identify -o t.mcap --seconds 0.1 --clock lockstep --operator", 0),
+        ("info none.mcap", 2),
+        ("nonsense", 2),
+    ],
+)
+def test_a_process_without_any_standard_stream_does_its_work(words, code, tmp_path):
+    line = f"'{sys.executable}' -m hil {words} <&- >&- 2>&-"
+    done = subprocess.run(["/bin/sh", "-c", line], cwd=tmp_path, timeout=60)
+    assert done.returncode == code
+
+
 SMALL = Path(__file__).parents[1] / "record" / "small.mcap"
 SHORT = ["--seconds", "0.1", "--clock", "lockstep", "-o", "OUT.mcap"]
 
