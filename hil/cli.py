@@ -307,7 +307,7 @@ def main(
         130 interrupted, 128 + number ended by a signal.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    with terminal.quoted():
+    with terminal.quoted(words):
         return _main(words, suspect)
 
 

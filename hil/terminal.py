@@ -41,10 +41,36 @@ class Settings:
     ----------
     quiet : bool
         Whether only results and errors are printed: no notes, no progress.
+
+    Attributes
+    ----------
+    broken : dict of str to str
+        Parts of names on the command line that hold line breaks, and how they are shown.
     """
 
     def __init__(self, quiet: bool = False) -> None:
         self.quiet = quiet
+        self.broken: dict[str, str] = {}
+
+    def name(self, words: Iterable[str]) -> None:
+        """Take note of the words of the command line.
+
+        A line break in the name of a file would begin a line of its own wherever the name, or
+        that of a file beside it, is printed.
+        """
+        held = [w for w in words if "\n" in w]
+        parts = [p for w in held for p in re.split("[/=,']", w)]
+        # what is made beside x.mcap is x.1.mcap; a break at an end is like those of any text
+        within = {p for x in parts for p in (x, x.rpartition(".")[0]) if p == p.strip("\n")}
+        within |= {w for w in held if len(w) > NARROW or w == w.strip("\n")}
+        longest = sorted((p for p in within if "\n" in p), key=len, reverse=True)
+        self.broken = {p: p.replace("\n", "\\n") for p in longest}
+
+    def unbroken(self, text: str) -> str:
+        """Text in which no such name breaks a line."""
+        for part, shown in self.broken.items():
+            text = text.replace(part, shown)
+        return text
 
 
 settings = Settings()
@@ -80,6 +106,7 @@ class Quoting:
 
     def write(self, text: str) -> int:
         """Write text; what the encoding of the stream lacks becomes an escape too."""
+        text, given = settings.unbroken(text), len(text)
         body = text.strip("\r")
         begin, _, end = text.partition(body) if body else (text, "", "")
         shown = begin + printable(body) + end
@@ -87,7 +114,7 @@ class Quoting:
             self.stream.write(shown)
         except UnicodeEncodeError:
             self.stream.write(shown.encode("ascii", "backslashreplace").decode("ascii"))
-        return len(text)
+        return given
 
     def writelines(self, lines: Iterable[str]) -> None:
         """Write lines one by one."""
@@ -96,9 +123,16 @@ class Quoting:
 
 
 @contextlib.contextmanager
-def quoted() -> Iterator[None]:
-    """Standard output and error quote what they print, within; a closed one takes it nowhere."""
+def quoted(words: Iterable[str] = ()) -> Iterator[None]:
+    """Standard output and error quote what they print, within; a closed one takes it nowhere.
+
+    Parameters
+    ----------
+    words : iterable of str
+        What stands on the command line; line breaks in it are shown as such.
+    """
     before = sys.stdout, sys.stderr
+    settings.name(words)
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if not isinstance(stream, Quoting):
@@ -134,7 +168,7 @@ def working(shown: bool = True) -> Iterator[None]:
     over, compilation, stage = threading.Event(), Compilation(), [""]
 
     def told(what: str, done: float) -> None:
-        stage[0] = what
+        stage[0] = what.replace("\n", "\\n")
         bar.n = max(bar.n, min(done, 0.99))
 
     def drawn() -> None:
@@ -244,7 +278,7 @@ def sentences(text: str, stream: TextIO | None = None) -> str:
     stream : TextIO, optional
         Where it is written to; default the standard output.
     """
-    wide = width(stream)
+    wide, text = width(stream), settings.unbroken(text)
     if wide is None:
         return text
     return "\n".join(_within(line, wide) for line in text.split("\n"))

@@ -358,7 +358,8 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         made += [f"  {text}" for _, text in arm.readings]
         made += [f"  {arm.lateness.text}"] if arm.lateness else []
         lines += [*_arm_text(arm.recording), *made, *_faults_text(arm.faults), ""]
-    return "\n".join(lines)
+    # what a file says of itself begins no line of its own
+    return "\n".join(line.replace("\n", "\\n") for line in lines)
 
 
 def _other_tools(found: SessionSummary) -> str:

@@ -3,6 +3,7 @@
 import io
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,6 +44,38 @@ def test_what_the_encoding_lacks_is_escaped():
     Quoting(stream).write("µ\ud800\n")
     stream.flush()
     assert raw.getvalue() == b"\\xb5\\ud800\n"
+
+
+@pytest.mark.parametrize("name", ["d\nx/s.mcap", "a\nhil: all is well.mcap", "a\nb\n.mcap"])
+def test_a_file_cannot_add_lines_by_its_name(name, tmp_path, capsys):
+    path, small = tmp_path / name, Path(__file__).parents[1] / "record" / "small.mcap"
+    path.parent.mkdir(exist_ok=True)
+    for words in (
+        ["info", str(small), "--recover", str(path)],
+        ["info", str(path)],
+        ["replay", str(path)],
+        ["list", str(path.parent)],
+        ["view", str(path), "--for", "foxglove", "-o", str(path.with_suffix(".json"))],
+        ["info", str(path.with_suffix(".none"))],
+    ):
+        main([*words])
+        told = capsys.readouterr()
+        shown = name.replace("\n", "\\n")
+        lines = (told.out + told.err).splitlines()
+        assert any(shown[:3] in line for line in lines), words
+        for piece in name.removesuffix(".mcap").split("\n")[1:]:
+            assert not [x for x in lines if piece and x.startswith(piece)], words
+
+
+def test_a_break_at_the_end_of_a_name_is_not_taken_for_those_of_the_output(tmp_path, capsys):
+    (tmp_path / "s\n").mkdir()
+    assert main(["effects", "stribeck"]) == 0
+    plain = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["effects", "stribeck", "s\n"])
+    capsys.readouterr()
+    assert main(["effects", "stribeck"]) == 0
+    assert capsys.readouterr().out == plain
 
 
 @pytest.fixture
