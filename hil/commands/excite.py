@@ -90,6 +90,8 @@ FloatArray = NDArray[np.float64]
 PERIOD, HIGHEST = 10.0, 1.2
 #: Instants a period, random starts, and evaluations of J for closed-form and URDF robots.
 INSTANTS, STARTS, BUDGET, BUDGET_URDF = 160, 40, 6000, 3000
+#: Joints of two arms of seven; the time of the search grows with about the third power.
+MOST_JOINTS = 14
 
 
 @dataclass(frozen=True)
@@ -287,9 +289,19 @@ def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
     else:
         source, limits, joints = _rig(args, load_rig(args.rig))
         robot = bare_robot(source, joints)
+    _refuse_many(len(robot.joints), args.rig)
     model = _model(args, given, source, robot)
     quantum = RESOLUTION * (limits.high - limits.low)
     return model, Stage(explore(limits, robot), source, BAND, quantum, _seconds(args))
+
+
+def _refuse_many(joints: int, where: str) -> None:
+    """Refuse a robot whose motion would take hours."""
+    if joints > MOST_JOINTS:
+        raise ConfigError(
+            f"{where} has {joints} moving joints; a motion is planned for at most {MOST_JOINTS}. "
+            "Give a URDF of one arm, with the type fixed for the joints that are to rest"
+        )
 
 
 def _model(
@@ -315,6 +327,7 @@ def _moving(model: RobotModel) -> RobotModel:
 
 def _session(args: argparse.Namespace, given: RobotModel | None) -> tuple[RobotModel, Stage]:
     run = load_source(args.rig, args.arm or None)
+    _refuse_many(run.d, args.rig)
     named = given is not None and bool(given.robot.preset or given.robot.urdf)
     source = given.robot if given is not None and named else run.robot
     problem = Problem([run], source)

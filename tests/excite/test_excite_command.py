@@ -184,6 +184,21 @@ def test_a_range_that_is_none_is_refused(tmp_path, capsys, ends):
     assert "arm.urdf: joint 'j'" in said and "expected lower below upper" in said
 
 
+@pytest.mark.parametrize("words", [[], ["--for", "stribeck"]])
+def test_a_robot_of_too_many_joints_is_refused_at_once(tmp_path, capsys, words):
+    joints = "".join(
+        f'<link name="l{k + 1}"/><joint name="j{k}" type="continuous"><parent link="l{k}"/>'
+        f'<child link="l{k + 1}"/></joint>'
+        for k in range(20)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="r"><link name="l0"/>{joints}</robot>')
+    assert main(["excite", str(path), *words, "-o", str(tmp_path / "t.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "has 20 moving joints; a motion is planned for at most 14" in said
+    assert not (tmp_path / "t.toml").exists()
+
+
 def test_a_motion_that_is_not_in_the_menu_is_no_other_one(tmp_path, capsys):
     limits = 'lower="-0.5" upper="2" velocity="1.5" effort="3"'
     assert planned(tmp_path, limits, "--for", "stribeck", "--motion", "pairs") == (2, [])
