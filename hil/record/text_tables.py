@@ -50,6 +50,8 @@ _LONGEST_MARK = 8
 #: Bytes that a packed table may have: a sum, and so many times the file.  Numbers as text pack to
 #: a third; what packs to a hundredth is no measurement.
 _ROOM, _RATIO = 2**22, 64
+#: Bytes that are unpacked at once.
+_LARGEST_BLOCK = 2**20
 
 
 @dataclass(frozen=True)
@@ -316,6 +318,17 @@ def _open(path: Path) -> Iterator[BinaryIO]:
             yield cast(BinaryIO, io.BufferedReader(_Bounded(packed, most, path)))
 
 
+def _refuse_claim(path: Path) -> None:
+    """Refuse a packed table that unpacks to too much, before memory is taken for its rows."""
+    with (
+        contextlib.suppress(EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile),  # told later
+        _open(path) as file,
+    ):
+        while isinstance(file, io.BufferedReader) and isinstance(file.raw, _Bounded):
+            if not file.read(_LARGEST_BLOCK):
+                return
+
+
 class _Bounded(io.RawIOBase):
     """What is unpacked, up to so many bytes: a small file may claim any amount."""
 
@@ -421,9 +434,12 @@ class _TextColumns:
         use = [self.names.index(n) for n in wanted]
         if not use:
             return {}
+        _refuse_claim(self.path)
         try:
             rows = self._even()
             block = np.loadtxt(rows, delimiter=self.delimiter, usecols=use, ndmin=2, comments=None)
+        except DataError:  # a row without end, or bytes that are no text
+            raise
         except ValueError:
             block = self._slowly(wanted, use)
         return {name: block[:, k] for k, name in enumerate(wanted)}

@@ -561,6 +561,16 @@ def test_a_packed_table_that_is_cut_off_or_claims_too_much_is_a_sentence(tmp_pat
         import_table(tmp_path / "run.npy.gz")
 
 
+def test_a_packed_table_of_many_rows_is_refused_before_its_rows_are_read(tmp_path, monkeypatch):
+    with gzip.open(tmp_path / "bomb.csv.gz", "wb") as file:
+        file.write(b"t,q1,tau1\n" + b"0,0,0\n" * 2_000_000)
+    seen = []
+    monkeypatch.setattr(np, "loadtxt", lambda rows, **_: seen.append(rows))
+    with pytest.raises(DataError, match="unpacks to more than"):
+        import_table(tmp_path / "bomb.csv.gz")
+    assert not seen
+
+
 def test_what_an_hdf5_file_claims_has_a_bound(tmp_path):
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file.create_dataset("q1", shape=(2**32,), dtype="f8", chunks=(2**16,))  # all zeros
