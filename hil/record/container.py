@@ -219,7 +219,7 @@ _LARGE = 2**24
 #: No writer makes chunks so large [byte]; a damaged length must not claim the memory.
 _LARGEST_CHUNK = 2**28
 #: All chunks together may unpack to so many bytes, and to so many times the file.
-_ROOM, RATIO = 2**28, 256
+_ROOM, RATIO = 2**24, 256
 #: Times from here on (1973) count from 1970, not from the start of a session [ns].
 EPOCH_NS = 10**17
 

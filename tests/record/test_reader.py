@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from record_tables import URDF
 
 from hil.cli import main
@@ -271,6 +272,20 @@ def test_chunks_that_claim_more_than_a_file_may_hold(whole, tmp_path, monkeypatc
     monkeypatch.setattr(container, "RATIO", 1)
     (tmp_path / "s.mcap").write_bytes(whole)
     assert summary(tmp_path / "s.mcap").damaged > 1
+
+
+def test_a_chunk_of_millions_of_messages_in_a_small_file_is_left_out(tmp_path):
+    path = tmp_path / "s.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**30)
+        writer.start()
+        number = writer.register_channel("/a", "json", 0)
+        for _ in range(30):
+            writer.add_message(number, 1, bytes(2**20), 1)
+        writer.finish()
+    assert path.stat().st_size < 50_000
+    box = container.read(path)
+    assert (len(box.topics["/a"]), box.damaged) == (0, 1)
 
 
 def test_a_device_is_no_session(tmp_path, capsys):
