@@ -234,6 +234,22 @@ def _hold(changes: NDArray[np.bool_]) -> int:
     return round(usual) if alike else 1
 
 
+def _measured(values: FloatArray, changes: NDArray[np.bool_], hold: int) -> IntArray:
+    """Rows of a held channel (n, d) at which it was measured: where it changes, and in its rests.
+
+    A joint that rests is measured once a hold, too, and found where it was; a spline without these
+    rows swings through the rest.  Where a value was lost, the next step is one of several: such
+    holds, and those alone, are left to the spline.
+    """
+    fresh = np.concatenate([[0], 1 + np.flatnonzero(changes)])
+    count = np.rint(np.diff(fresh) / hold).astype(np.intp)
+    step = np.pad(np.abs(np.diff(values[fresh], axis=0)), ((1, 1), (0, 0)))
+    lost = np.any(step[1:-1] > MISSING * np.maximum(step[:-2], step[2:]), axis=1)
+    rests = np.flatnonzero((count > 1) & ~(lost & (count <= FILLED)))
+    more = [fresh[k] + hold * np.arange(1, count[k]) for k in rests]
+    return np.sort(np.concatenate([fresh, *more])).astype(np.intp)
+
+
 def _released(r: Recording, rows: IntArray) -> tuple[Recording, dict[str, int]]:
     """Channels that hold values which others do not: a spline through where they change."""
     held: dict[str, int] = {}
@@ -245,7 +261,7 @@ def _released(r: Recording, rows: IntArray) -> tuple[Recording, dict[str, int]]:
     changes: dict[str, Any] = {}
     for key, hold in held.items():
         if hold > 1:
-            fresh = np.concatenate([[0], 1 + np.flatnonzero(_differs(r, (key,)))])
+            fresh = _measured(getattr(r, key), _differs(r, (key,)), hold)
             known = scipy.interpolate.CubicSpline(r.t[fresh], getattr(r, key)[fresh], axis=0)
             changes[key] = np.asarray(known(np.minimum(r.t, r.t[fresh[-1]])))
     return (replace(r, **changes) if changes else r), held
@@ -256,9 +272,10 @@ def _changed(r: Recording, rows: IntArray) -> tuple[IntArray, NDArray[np.bool_],
     part = r.slice(0, r.n) if rows.size == r.n else _picked(r, rows)
     changes = _differs(part, WATCHED)
     hold = _hold(changes)
-    fresh = np.concatenate([[0], 1 + np.flatnonzero(changes)])
     if hold > 1:
+        fresh = _measured(part.q, changes, hold)
         return rows[fresh], np.zeros(fresh.size, dtype=np.bool_), hold
+    fresh = np.concatenate([[0], 1 + np.flatnonzero(changes)])
     before = np.diff(fresh, prepend=0) - 1
     # everything exactly the same for one or two rows: at a standstill it is so for many more
     short = (before > 0) & (before <= 2)

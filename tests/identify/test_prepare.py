@@ -223,6 +223,32 @@ def test_efforts_that_are_held_alone_have_their_own_rate() -> None:
     assert floor(r) < 5 * floor(fast)
 
 
+@pytest.mark.parametrize("hold", [2, 5])
+def test_positions_that_are_held_and_rest_are_filled_without_a_swing(hold: int) -> None:
+    """Strokes with rests between them: a spline through the changes alone strayed by 0.2 rad."""
+    fast = plants.ringing_axis(1, 20.0)
+    rows = np.arange(fast.n) // hold * hold
+    slow = replace(fast, q=fast.q[rows])
+    (part,), timing = even(slow)
+    assert timing.held == {"q": hold}
+    stray = np.abs(part.recording.q - fast.q)[: part.recording.n]
+    assert np.max(stray) < 2e-3 and np.sqrt(np.mean(stray**2)) < 3e-4
+    # a rest of all channels is measured, too: no gap
+    still = replace(slow, tau=np.sign(np.diff(slow.q, axis=0, append=slow.q[-1:]))[rows])
+    assert not even(still)[1].gaps
+
+
+def test_a_value_that_a_held_channel_lost_is_bridged() -> None:
+    fast = plants.ringing_axis(1, 20.0)
+    rows = np.arange(fast.n) // 5 * 5
+    speed = np.abs(fast.q[rows + 4] - fast.q[rows])[:, 0]
+    lost = 5 * np.flatnonzero(speed[::5] > 0.05)[::20]
+    rows[np.isin(rows, lost)] -= 5
+    (part,), timing = even(replace(fast, q=fast.q[rows]))
+    assert timing.held == {"q": 5}
+    assert np.max(np.abs(part.recording.q - fast.q)) < 0.02
+
+
 def test_a_wrong_row_is_put_right() -> None:
     r = plants.counted_axis()
     q, tau = r.q.copy(), r.tau.copy()
