@@ -540,6 +540,16 @@ def without(r: Recording, *rows: np.ndarray | tuple[int, int]) -> Recording:
     return replace(r, **arrays)
 
 
+def queued(r: Recording, sizes: tuple[int, int], seed: int = 0) -> Recording:
+    """The same with stamps of arrival: sizes[0] to sizes[1] - 1 rows come within 0.1 ms."""
+    rng, t, k = np.random.default_rng(seed), r.t.copy(), 0
+    while k < r.n:
+        end = min(k + int(rng.integers(*sizes)), r.n)
+        t[k:end] = r.t[end - 1] + 1e-4 * np.arange(end - k) / (end - k) * rng.uniform(0.1, 1)
+        k = end
+    return replace(r, t=t)
+
+
 def three_joints(robot: RobotSource, seconds: float = 8.0) -> Recording:
     """Three joints a, b, c that gravity alone loads, of a robot that says what it likes."""
     t = np.arange(int(500 * seconds)) / 500.0

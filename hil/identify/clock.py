@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.record.consistency import spikes
+from hil.record.consistency import arrivals, spikes
 from hil.record.jumps import resolution
 from hil.record.recording import COLUMNS, Recording
 
@@ -98,6 +98,8 @@ class Timing:
         Single values that stood out of their neighbours and were put right.
     dropped : float
         Time in parts too short to stand alone, beyond a long gap [s].
+    queued : int
+        Rows that came at once from a queue, at most; 0 where stamps are none of a queue.
     """
 
     period: float
@@ -111,6 +113,7 @@ class Timing:
     gaps: tuple[Gap, ...] = ()
     wrong: int = 0
     dropped: float = 0.0
+    queued: int = 0
 
     @property
     def rate(self) -> float:
@@ -125,9 +128,8 @@ class Timing:
     @property
     def even(self) -> bool:
         """Whether the recording is used as it is."""
-        return not (self.repeated or self.stale or self.held or self.gaps or self.wrong) and (
-            self.jitter <= EVEN * self.period
-        )
+        touched = self.repeated or self.stale or self.held or self.gaps or self.wrong or self.queued
+        return not touched and self.jitter <= EVEN * self.period
 
 
 @dataclass(frozen=True)
@@ -166,14 +168,15 @@ def even(r: Recording, rate_hz: float = 0.0, gap_s: float = 0.0) -> tuple[list[E
         return [Even(r, none)], Timing(max(r.period, 1e-9) if r.n > 1 else 1.0)
     r, wrong = _mended(r)
     rows, repeated = _once(r)
+    t, queued = arrivals(r, 1 / rate_hz if rate_hz else 0.0)
+    r = replace(r, t=t) if queued else r
     r, held = _released(r, rows)
     rows, stale, own = _changed(r, rows)
     if own > 1:
         held = {**held, "q": own, "tau": own}
     found = _clock(r, rows, stale, rate_hz)
-    timing = replace(
-        found.timing, repeated=repeated, wrong=wrong, held={k: v for k, v in held.items() if v > 1}
-    )
+    held = {k: v for k, v in held.items() if v > 1}
+    timing = replace(found.timing, repeated=repeated, wrong=wrong, held=held, queued=queued)
     if own > 1:
         # the rows themselves are the slow channel's: what is left has its rate
         timing = replace(timing, held={k: v for k, v in timing.held.items() if v != own})

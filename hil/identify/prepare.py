@@ -146,6 +146,7 @@ class Prepared:
                 for g in t.gaps
             ],
             "dropped_s": t.dropped,
+            "queued": t.queued,
             "parts": self.parts,
             "left_out_s": self.left_out,
             "band": {
@@ -296,6 +297,15 @@ def timing_notes(t: Timing) -> list[tuple[str, str]]:
                 "spike",
                 f"{plural(t.wrong, 'spike')} of one row replaced by interpolation of the "
                 "neighbours",
+            )
+        )
+    if t.queued:
+        out.append(
+            (
+                "irregular-time",
+                f"up to {t.queued} rows come at once, as from a queue, so that their stamps are "
+                "those of their arrival: rows are taken as evenly spaced, with a period of "
+                f"{t.period * 1e3:.5g} ms",
             )
         )
     if t.reading == "stamps":

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 
@@ -420,7 +420,13 @@ def check(recording: Recording) -> list[DataFault]:
     list of DataFault
         Errors first; empty if nothing is wrong.  Never raises for bad data.
     """
-    found = [*_values(recording), *_time(recording)]
+    found = [*_values(recording)]
+    if not found and np.all(np.diff(recording.t) >= 0):
+        t, burst = physics.arrivals(recording)
+        if burst:
+            found.append(_queued(recording, t, burst))
+            recording = replace(recording, t=t)
+    found += _time(recording)
     if not any(f.severity == "error" for f in found):
         found += [*_frozen(recording), *_doubled(recording), *check_motion(recording)]
     return sorted(found, key=lambda f: f.severity)
@@ -503,6 +509,19 @@ def _time(r: Recording) -> Iterator[DataFault]:
         )
     if period > 0:
         yield from _rate(t, dt[dt > 0], period)
+
+
+def _queued(r: Recording, t: FloatArray, burst: int) -> DataFault:
+    """Stamps of a queue, and the clock behind it."""
+    late = float(np.max(r.t - t))
+    return DataFault(
+        "irregular-time",
+        "warning",
+        "",
+        f"up to {burst} rows come at once, as from a queue: their stamps say when they arrived, up "
+        f"to {late * 1e3:.3g} ms later than the least late ones. An analysis takes them as evenly "
+        f"spaced, {1 / np.median(np.diff(t)):.6g} Hz; to have more, log the time of measurement",
+    )
 
 
 def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:

@@ -19,7 +19,7 @@ from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
 from hil.record.guess import quantity
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
 from hil.record.mapfile import Rule, TableMap, is_target
-from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording
+from hil.record.recording import AS_IS, STATED, UNIT_SAID, UNWRAPPED, Recording, usual_step
 from hil.record.schema import LAST_S
 from hil.record.table_files import ForeignTable
 from hil.record.text_tables import is_clock
@@ -270,7 +270,7 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
     dt = np.diff(t)
     if not dt.size:
         raise DataError(f"table {table.path}: the time never changes")
-    period = float(np.median(dt))
+    period = usual_step(dt)
     if period < SHORT_PERIOD:
         what = (
             f"table {table.path}: the time advances by {period:.4g} s a sample; no rig samples "

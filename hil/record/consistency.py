@@ -8,6 +8,7 @@ of transmission or a loose contact.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from hil.record.jumps import whole_numbers
-from hil.record.recording import Recording
+from hil.record.recording import Recording, queue, spacing, usual_step
 from hil.record.urdf_joints import UrdfJoint
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +33,69 @@ class Clipping:
 
     level: float
     share: float
+
+
+#: Bursts on either side of a step by whose least late one missing rows are told.  Half: stamps that
+#: are cut to whole units look like missing rows now and then; double: an error of the first period
+#: does.
+BURSTS = 50
+
+
+def arrivals(r: Recording, period: float = 0.0) -> tuple[FloatArray, int]:
+    """Time of rows that were stamped as they were taken from a queue, on the even clock behind it.
+
+    Of such rows many come at once, and then none for as long as they took to be measured.  The last
+    row of a burst is the least late.  Where all rows are later for good by m periods behind a step,
+    m rows are missing there.
+
+    Parameters
+    ----------
+    r : Recording
+        Time not running backward.
+    period : float
+        Period of the rows where it is known [s].
+
+    Returns
+    -------
+    t : ndarray (n,)
+        The stamps, or instants on that clock.
+    burst : int
+        Rows that came at once, at most; 0 of other stamps, which stay.
+    """
+    channels = (r.q, r.tau, r.qd, r.tau_ext, r.wrench)
+    values = [x for x in channels if x is not None]
+    new = np.any([np.any(np.diff(x, axis=0) != 0, axis=1) for x in values], axis=0)
+    rows = np.flatnonzero(np.concatenate([[True], new | (np.diff(r.t) > 0)]))
+    t = r.t[rows]
+    dt = np.diff(t)
+    typical, at_once = queue(dt)
+    if not typical:
+        return r.t, 0
+    edges = np.flatnonzero(~np.concatenate([[False], at_once, [False]]))
+    burst = int(np.max(np.diff(edges)))
+    given, period = period, period or usual_step(dt)
+    for _ in range(3):
+        place = _left_queue(t / period)
+        period = given or spacing(t, place, typical)
+    least = float(np.min(t - place * period))
+    return np.interp(np.arange(r.n), rows, least + place * period), burst
+
+
+def _left_queue(t: FloatArray) -> NDArray[np.intp]:
+    """Place of each row (n,) on the clock of a queue, by its stamps in periods.
+
+    Rows are missing before a burst where the least late one from there on is later than before.
+    """
+    last = np.append(np.flatnonzero(np.diff(t) > 1.5), t.size - 1)
+    late = (t - np.arange(t.size))[last].tolist()
+    missing, lost = np.zeros(t.size, dtype=np.intp), 0
+    level = deque(late[:1], maxlen=BURSTS)
+    for k in range(1, len(late)):
+        more = round(min(late[k : k + BURSTS]) - lost - min(level))
+        if more > 0:
+            missing[last[k - 1] + 1], lost = more, lost + more
+        level.append(late[k] - lost)
+    return np.arange(t.size) + np.cumsum(missing)
 
 
 def steps(t: FloatArray, q: FloatArray) -> NDArray[np.intp]:

@@ -16,6 +16,60 @@ from hil.shown import Shown
 FloatArray = NDArray[np.float64]
 
 
+#: Share of a typical step below which the next row came at once, and share of such rows from which
+#: stamps are those of a queue.  Half: queues read within a tenth of a period are missed; double:
+#: rows that stray by half a period count as queued.
+AT_ONCE = 0.1
+#: Longest step [s] by which the rows of a queue are told: what is longer is a pause.  Half: queues
+#: that are emptied once a second are missed; double: nothing but pauses in a run that has many.
+EMPTIED_S = 1.0
+#: Typical steps of a queue from which a step is a pause.  Half: queues of all lengths lose their
+#: longest steps; double: short pauses lengthen the period.
+PAUSE = 3.0
+
+
+def queue(dt: FloatArray) -> tuple[float, NDArray[np.bool_]]:
+    """Typical step [s] between rows that were stamped as they were taken from a queue.
+
+    Half of the time passes in shorter steps.  Zero where the stamps are others.
+
+    Parameters
+    ----------
+    dt : ndarray (n,)
+        From one stamp to the next [s].
+
+    Returns
+    -------
+    typical : float
+        The step.
+    at_once : ndarray (n,) of bool
+        Where the next row came at once.
+    """
+    short = np.sort(dt[dt <= EMPTIED_S])
+    if short.size < 50 or not short[-1] > 0:
+        return 0.0, np.zeros(dt.size, dtype=np.bool_)
+    half = int(np.searchsorted(np.cumsum(short), np.sum(short) / 2))
+    typical = float(short[min(half, short.size - 1)])
+    at_once = dt < AT_ONCE * typical
+    return (typical if np.mean(at_once) >= AT_ONCE else 0.0), at_once
+
+
+def spacing(t: FloatArray, place: NDArray[np.intp], typical: float) -> float:
+    """Slope of stamps from a queue over their places, one for all stretches between pauses."""
+    stretch = np.cumsum(np.append(False, np.diff(t) > PAUSE * typical)).astype(np.intp)
+    middle = np.bincount(stretch, place) / np.bincount(stretch)
+    k = place - middle[stretch]
+    return float(np.sum(k * t) / np.sum(k * k))
+
+
+def usual_step(dt: FloatArray) -> float:
+    """Median step between stamps [s]; of rows from a queue the mean one, without pauses."""
+    typical, _ = queue(dt)
+    if not typical:
+        return float(np.median(dt))
+    return spacing(np.cumsum(np.append(0.0, dt)), np.arange(dt.size + 1), typical)
+
+
 def tag_record(tags: Sequence[str]) -> dict[str, str]:
     """Metadata record of tags, in the order of the alphabet, each once.
 
@@ -162,9 +216,9 @@ class Recording(Shown):
 
     @cached_property
     def period(self) -> float:
-        """Median time from one sample to the next [s]; the mean one where most stamps repeat."""
-        median = float(np.median(np.diff(self.t)))
-        return median if median > 0 else float(self.t[-1] - self.t[0]) / max(self.n - 1, 1)
+        """Median time from one sample to the next [s]; the mean one of rows from a queue."""
+        usual = usual_step(np.diff(self.t)) if self.n > 1 else 0.0
+        return usual if usual > 0 else float(self.t[-1] - self.t[0]) / max(self.n - 1, 1)
 
     @cached_property
     def rate(self) -> float:

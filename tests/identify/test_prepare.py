@@ -161,6 +161,22 @@ def test_rows_of_an_uneven_clock_are_missing_only_where_time_passes_without_one(
     assert all(gap.length > 1.5 / fs for gap in timing.gaps)
 
 
+@pytest.mark.parametrize("sizes", [(2, 3), (5, 6), (3, 13), (20, 21)])
+@pytest.mark.parametrize("whole", [True, False])
+def test_rows_from_a_queue_are_even(sizes: tuple[int, int], whole: bool) -> None:
+    """Bursts within a tenth of a millisecond: the median step made 2 million rows of 30 000."""
+    r = plants.queued(plants.counted_axis(), sizes)
+    few = np.array([12_000, 12_001, 15_000])
+    r = r if whole else plants.without(r, few, (7000, 7400), (16_000, 22_000))
+    parts, timing = even(r)
+    assert timing.rate == pytest.approx(1000.0, rel=1e-5)
+    assert timing.queued == pytest.approx(sizes[1] - 1, abs=1)
+    assert sum(g.rows for g in timing.gaps) == (0 if whole else 6403)
+    assert len(parts) == (1 if whole else 2)
+    assert any("as from a queue" in text for _, text in prepared(r).warnings)
+    assert floor(r) == pytest.approx(floor(plants.counted_axis()), rel=0.02 if whole else 0.1)
+
+
 def test_a_late_stamp_is_no_gap() -> None:
     r = plants.counted_axis(5.0)
     t = r.t.copy()

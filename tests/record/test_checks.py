@@ -95,6 +95,17 @@ def test_a_position_that_changes_across_a_gap_alone():
     assert ("gap", "warning", "") in faults(replace(r, q=q, qd=None))
 
 
+def test_rows_from_a_queue_are_told_once_and_checked_on_their_even_clock():
+    r = plants.queued(plants.joints(), (20, 21))
+    (found,) = check(r)
+    assert found.code == "irregular-time" and "up to 20 rows come at once" in found.text
+    assert r.rate == pytest.approx(500.0, rel=1e-4)
+    # stamps cut to hundredths of a second, five rows in each
+    cut = plants.joints()
+    cut = replace(cut, t=np.floor(cut.t * 100 + 1e-6) / 100)
+    assert faults(cut) == [("irregular-time", "warning", "")]
+
+
 def test_irregular_time():
     def change(t):
         t += np.random.default_rng(0).uniform(0, 0.0015, t.size)

@@ -162,6 +162,15 @@ def test_gaps_and_repeats_on_request(tmp_path):
     assert load(tmp_path / "s.mcap").n == r.n - 1
 
 
+def test_rows_that_were_stamped_as_they_came_from_a_queue(tmp_path, capsys):
+    """The median step was 3 us: no rig samples faster than 20 000 Hz."""
+    table = write_csv(tmp_path / "run.csv", columns(plants.queued(plants.joints(), (20, 21))))
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 0
+    assert "up to 20 rows come at once" in capsys.readouterr().out
+    assert main(["info", str(tmp_path / "s.mcap")]) == 0
+    assert "as evenly spaced, 500.0" in capsys.readouterr().out
+
+
 def test_time_before_zero_is_shifted_and_told(tmp_path, capsys):
     r = plants.joints(d=1)
     table = write_csv(tmp_path / "run.csv", {**columns(r), "t": r.t - 1.5})
