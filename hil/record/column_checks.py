@@ -40,7 +40,7 @@ FASTEST_RIG = 2e4
 #: No shorter median period [s] is one of a rig: filters and grids would take any memory.
 SHORT_PERIOD = 1e-6
 #: A day [s].
-DAY = 86400.0
+DAY, MINUTE = 86400.0, 60.0
 #: A shorter period of a time since 1970 [s] says that it is none.
 FASTEST = 1e-5
 #: A longer stretch of missing values is no line [rows].
@@ -250,6 +250,7 @@ def _clean_time(
                 f"{table.first_row + k + 1}; write the date before each time, or import each part "
                 "by itself"
             )
+        _refuse_twelve_hours(table, t)
         raise DataError(
             f"table {table.path}: time runs backward {back.size} times, first in row "
             f"{table.first_row + k + 1} ({t[k]:.6g} s, then {t[k + 1]:.6g} s); "
@@ -262,8 +263,28 @@ def _clean_time(
             'repeated = "drop" in [table] of a map'
         )
     even = np.delete(rows, same + 1)
+    _refuse_twelve_hours(table, t)
     _refuse_steps(table, t[even], even, gaps)
     return rows if repeated == "keep" else even
+
+
+def _refuse_twelve_hours(table: ForeignTable, t: FloatArray) -> None:
+    """Refuse a clock of twelve hours that does not say which half of the day it is.
+
+    It goes back by twelve hours in the place of one sample, or ahead by a day where dates stand
+    before the times.
+    """
+    dt = np.diff(t)
+    near = JUMP * float(np.median(np.abs(dt)))
+    for step, how in ((-DAY / 2, "goes back by 12 hours"), (DAY, "goes ahead by 24 hours")):
+        at = np.flatnonzero(np.abs(dt - step) <= near)
+        if at.size and near < MINUTE:
+            raise DataError(
+                f"table {table.path}: the time {how} within one sample in row "
+                f"{table.first_row + int(at[0]) + 1}, as a clock of twelve hours that says neither "
+                "AM nor PM. Write AM or PM behind each time, or hours from 0 to 23; or import each "
+                "part by itself"
+            )
 
 
 def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:

@@ -216,9 +216,14 @@ class Recording(Shown):
 
     @cached_property
     def period(self) -> float:
-        """Median time from one sample to the next [s]; the mean one of rows from a queue."""
-        usual = usual_step(np.diff(self.t)) if self.n > 1 else 0.0
-        return usual if usual > 0 else float(self.t[-1] - self.t[0]) / max(self.n - 1, 1)
+        """Median time from one sample to the next [s].
+
+        The mean one where most stamps repeat, and of rows from a queue.
+        """
+        median = float(np.median(np.diff(self.t)))
+        if median > 0:
+            return usual_step(np.diff(self.t))
+        return float(self.t[-1] - self.t[0]) / max(self.n - 1, 1)
 
     @cached_property
     def rate(self) -> float:

@@ -497,6 +497,12 @@ class _TextColumns:
                 if (seconds := _seconds(text, where, name)) is not None:
                     yield seconds
                     continue
+                if _MINUTES.fullmatch(text):
+                    raise DataError(
+                        f"{where}: column {name!r} holds {text!r}, minutes and seconds as a "
+                        "spreadsheet shows a time; expected hours, too, or a number. Give its "
+                        "cells the format hh:mm:ss.000 and export it again"
+                    ) from None
                 shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
                 raise DataError(
                     f"{where}: column {name!r} holds {shown!r}; expected a number. Names stand in "
@@ -506,6 +512,8 @@ class _TextColumns:
                 ) from None
 
 
+#: A time without its hour.
+_MINUTES = re.compile(r"[0-5]?[0-9]:[0-5][0-9](?:[.,][0-9]+)?")
 #: What stands in a cell without a value, in small letters.
 _NOTHING = frozenset(("", "-", "--", "n/a", "na", "#n/a", "null", "none", "nil"))
 

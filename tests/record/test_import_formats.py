@@ -710,6 +710,41 @@ def test_a_time_of_day_over_midnight_is_refused_as_such(tmp_path, capsys):
     assert "passes midnight in row 4" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("clock", "how"),
+    [
+        (["12:59:59.996", "12:59:59.998", "01:00:00.000", "01:00:00.002"], "back by 12 hours"),
+        (["12:59:59.996", "12:59:59.998", "1:00:00.000", "1:00:00.002"], "back by 12 hours"),
+        (["43199.996", "43199.998", "0.000", "0.002"], "back by 12 hours"),
+        (
+            [
+                "05/01/2024 11:59:59.996",
+                "05/01/2024 11:59:59.998",
+                "05/02/2024 12:00:00.000",
+                "05/02/2024 12:00:00.002",
+            ],
+            "ahead by 24 hours",
+        ),
+    ],
+)
+def test_a_clock_of_twelve_hours_is_refused_as_such(clock, how, tmp_path, capsys):
+    """With dates it had been a run with a gap of a day, without them time ran backward."""
+    table = as_text(tmp_path, ["t,q1,tau1"], [f"{c},{k},{k}" for k, c in enumerate(clock)])
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert how in said and "in row 4" in said and "neither AM nor PM" in said
+    afternoon = [f"{c} PM" for c in ("12:59:59.996", "12:59:59.998", "1:00:00.000", "1:00:00.002")]
+    rows = [f"{c},{k},{k}" for k, c in enumerate(afternoon)]
+    read = text_table(as_text(tmp_path, ["t,q1,tau1"], rows)).columns(["t"])["t"]
+    np.testing.assert_allclose(np.diff(read), 0.002, atol=1e-9)
+
+
+def test_a_time_without_its_hour_is_refused_as_such(tmp_path):
+    table = as_text(tmp_path, ["t,q1,tau1"], [f"59:58.{k},{k},{k}" for k in range(4)])
+    with pytest.raises(DataError, match=r"'59:58\.0', minutes and seconds .* hh:mm:ss"):
+        text_table(table).columns(["t"])
+
+
 # ------------------------------------------------------------ logs of Simulink
 
 
