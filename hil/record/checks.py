@@ -137,10 +137,12 @@ def speed_and_effort(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFau
         joint.effort,
         effort,
         r.joints[k],
-        f"is it in m{effort}? Then scale it by 0.001 in a map when importing"
+        f"is it in m{effort}? Then scale it by 0.001 in a map when importing. Of a current in mA "
+        f'write tau = {{ unit = "mA", torque_constant = ... }} under [units], of per cent or per '
+        f"mille of a rated effort scale = that effort at the joint [{effort}] / 100 or 1000"
         if milli
-        else f"check that it is the effort at the joint in {effort} (after the gear, no current), "
-        "and that the URDF is of this robot",
+        else f"check that it is the effort at the joint in {effort} (after the gear, no current, "
+        "no per cent of a rated one), and that the URDF is of this robot",
     )
 
 
@@ -237,7 +239,7 @@ def _units(r: Recording) -> Iterator[DataFault]:
         q = r.q[:, k]
         doubted = str(k + 1) not in stated and UNIT_SAID not in r.metadata
         if doubted and physics.unit_doubt(q, joint, described):
-            what = "degrees" if joint.unit == "rad" else "millimetres"
+            what = " or in ".join(physics.other_units(q, joint))
             yield DataFault(
                 "unit",
                 "warning",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, plural
-from hil.record.consistency import counts_doubt, unit_doubt, velocity_factor
+from hil.record.consistency import counts_doubt, other_units, unit_doubt, velocity_factor
 from hil.record.guess import quantity
 from hil.record.jumps import NEAR, TURN, Wraps, periods, wraps
 from hil.record.mapfile import Rule, TableMap, is_target
@@ -499,8 +499,8 @@ def refuse_units(
                 f"{table.option('unit', joint.unit)})"
             )
         if unit_doubt(q, joint, bool(joints)):
-            degrees = joint.unit == "rad"
-            what, scale = ("degrees", "0.0174532925199433") if degrees else ("millimetres", "0.001")
+            units, degrees = other_units(q, joint), joint.unit == "rad"
+            what, scale = " or ".join(units), " or ".join(f"{x:.15g}" for x in units.values())
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""
             every = (
                 f"Say {table.option('unit', 'deg')} where all are, or scale" if degrees else "Scale"

@@ -274,6 +274,21 @@ def unit_doubt(q: FloatArray, joint: UrdfJoint, described: bool) -> bool:
     return bool(outside and q.max() * scale < high and q.min() * scale > low)
 
 
+def other_units(q: FloatArray, joint: UrdfJoint) -> dict[str, float]:
+    """Units that positions (n,) in doubt may be in, with their size in that of the joint.
+
+    Lengths are in centimetres or millimetres; a joint's limits may leave millimetres alone.
+    """
+    if joint.unit == "rad":
+        return {"degrees": math.pi / 180}
+    lengths, reach = {"centimetres": 0.01, "millimetres": 0.001}, 0.1 * (joint.upper - joint.lower)
+    low, high = joint.lower - reach, joint.upper + reach
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return lengths
+    fit = {k: x for k, x in lengths.items() if q.max() * x < high and q.min() * x > low}
+    return fit or lengths
+
+
 #: A position in whole numbers over a longer range [rad or m] is in counts.
 COUNTED = 100.0
 

@@ -53,7 +53,7 @@ _BY_KIND = {
     "t": "s ms us ns",
     "q": "rad mrad deg rev m cm mm um in ft",
     "qd": "rad/s mrad/s deg/s rev/s m/s cm/s mm/s um/s in/s ft/s rpm",
-    "tau": "Nm mNm Nmm Ncm kNm lbfin lbfft ozfin kgfcm kgfm gfcm",
+    "tau": "Nm mNm Nmm Ncm kNm uNm cNm dNm daNm lbfin lbfft ozfin kgfcm kgfm gfcm",
     "force": "N mN kN lbf ozf kgf",
     "i": "A mA",
     "temp": "degC K",
@@ -79,6 +79,7 @@ _SPELT = {
     **dict.fromkeys("revolutions/s turns/s turn/s".split(), "rev/s"),
     **{"ozin": "ozfin", "lbin": "lbfin", "inlb": "lbfin", "inlbf": "lbfin", "lbft": "lbfft"},
     **{"ftlb": "lbfft", "ftlbf": "lbfft", "kgcm": "kgfcm", "kgm": "kgfm", "gcm": "gfcm"},
+    **{"kpcm": "kgfcm", "kpm": "kgfm", "pcm": "gfcm", "µnm": "uNm", "μnm": "uNm", "kp": "kgf"},
     **{"lb": "lbf", "lbs": "lbf", "inch": "in", "inches": "in", "feet": "ft", "foot": "ft"},
     **{"percent": "%", "prozent": "%", "pct": "%"},
     **{"milliamp": "mA", "milliamps": "mA", "rad/s^2": "rad/s2", "m/s^2": "m/s2"},
@@ -90,12 +91,13 @@ _ANYWHERE = frozenset(_SPELT) - set(
 #: What units are made of, in small letters: a bracket of nothing else is a unit, known or not.
 _ATOMS = frozenset(
     "oz ozf lb lbs lbf kip kgf kg g gf in inch ft foot yd mil cm mm um m km s ms us ns min h hr "
-    "rad mrad deg grad rev n mn kn nm a ma v w kw hz sec arcsec arcmin dyn dyne j".split()
+    "rad mrad deg grad rev n mn cn dn dan kn kp nm a ma v w kw hz sec arcsec arcmin dyn dyne "
+    "j".split()
 )
 #: A capital after a small letter, and digits beside letters, begin a word.
 _CUT = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _BRACKETS = re.compile(r"[\[(]([^\[\]()0-9][^\[\]()]*)[\])]")
-_END = re.compile(r"(?<=[ _.\-/0-9])(?:[A-Za-zµμ°]+[_/ ])?[A-Za-zµμ°%]+$")
+_END = re.compile(r"(?<=[ _.\-/0-9])(?:[A-Za-zµμ°]+[_/ .·*-])?[A-Za-zµμ°%]+$")
 #: Units that count in brackets alone: at the end of a name they are words (theta_in, wrist_ft).
 _BRACKETED = frozenset(("in", "ft", "in/s", "ft/s"))
 _SPEED = {u.removesuffix("/s"): u for u in _BY_KIND["qd"].split()}
@@ -429,6 +431,10 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
     unit = _SPEED.get(unit, unit) if stem == "qd" else unit
     fits = stem == "force" or _KIND.get(unit) in (stem, "force" if "tau" in stem else stem)
     fits = fits or (stem == "tauext" and _KIND.get(unit) == "tau") or bool(unit and not scaled)
+    if unit and not fits and unit not in _BRACKETED and _bracketed(rest, unit):
+        how = f"{{ from = {_quoted(name)}, scale = (SI unit by this one) }}"
+        why = f"{unit} is no unit of what its name says; to take it all the same, write {how}"
+        return _Column(name, "", joint, unit, why=why)
     return _Column(name, stem, joint, odd or (unit if fits else ""), asked, family)
 
 
@@ -454,7 +460,7 @@ def _unit_at(name: str) -> tuple[str, str]:
     while found_end:
         if (unit := _spelt(found_end[0])) and unit not in _BRACKETED:
             return name[: found_end.start()], unit
-        cut = re.search(r"[_/ ]", found_end[0])
+        cut = re.search(r"[_/ .·*-]", found_end[0])
         if not cut:
             break
         found_end = _END.search(name, found_end.start() + cut.end())
@@ -470,6 +476,12 @@ def _odd_unit(name: str) -> str:
         if parts and not alone and set(parts) <= _ATOMS and not _spelt(found[1]):
             return found[1].strip()
     return ""
+
+
+def _bracketed(name: str, unit: str) -> bool:
+    """Whether a unit of more than a letter stands in brackets: it is meant as one."""
+    inside = [found[1] for found in _BRACKETS.finditer(name)]
+    return any(len(text) > 1 and _spelt(text) == unit for text in inside)
 
 
 def _spelt(text: str) -> str:
@@ -578,6 +590,8 @@ def _written(
         if c.stem != "t" and c.unit and c.unit not in _KIND:
             asked = "SI unit by this one, in place of unit, which is not known"
         note = f"  # add scale = {asked}" if asked else ""
+        if (stem, c.stem) == ("tau", "i") and not units.get(stem) and c.unit not in UNSCALED:
+            note, asked = "  # add torque_constant = effort at the joint by A", c.unit
         plain = c.rule or _quoted(c.name)
         lines.append(f"{target} = {_rule(c) if alone or asked else plain}{note}")
     if fill:
@@ -602,6 +616,7 @@ def _unit_of(stem: str, columns: Mapping[str, _Column]) -> str:
     units = {c.unit for c in columns.values()}
     unit = units.pop() if len(units) == 1 else ""
     current = {c.stem for c in columns.values()} == {"i"} and unit not in UNSCALED
+    current = current and len({c.unit for c in columns.values()}) == 1
     if stem == "tau" and current:
         return f'{{ unit = "{unit or "A"}" }}  # add torque_constant = [..], or --torque-constant'
     return f'"{unit}"' if unit in FACTORS.get(stem, {}) else ""

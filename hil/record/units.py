@@ -20,6 +20,7 @@ _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": DEGREE, "rev": TURN, "turn": TURN}
 _POUND, _WEIGHT = 4.4482216152605, 9.80665
 _FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": _POUND, "ozf": _POUND / 16, "kgf": _WEIGHT}
 _TORQUE = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 0.01, "kNm": 1e3}
+_TORQUE |= {"uNm": 1e-6, "cNm": 0.01, "dNm": 0.1, "daNm": 10.0}
 _TORQUE |= {"lbfin": _POUND * 0.0254, "lbfft": _POUND * 0.3048, "ozfin": _POUND / 16 * 0.0254}
 _TORQUE |= {"kgfcm": _WEIGHT * 0.01, "kgfm": _WEIGHT, "gfcm": _WEIGHT * 1e-5}
 _CURRENT = {"A": 1.0, "mA": 1e-3}

@@ -13,7 +13,7 @@ from record_tables import URDF, columns
 
 from hil.record import consistency
 from hil.record.checks import OF_UNITS, check, joint_units, speed_and_effort
-from hil.record.consistency import smooth
+from hil.record.consistency import other_units, smooth, unit_doubt
 from hil.record.recording import Recording, RobotSource
 from hil.record.urdf_joints import UrdfJoint
 
@@ -281,6 +281,21 @@ def test_beyond_a_limit_names_joint_value_and_limit(change, code, value, limit):
     assert (found.severity, found.joint) == ("warning", "elbow")
     assert value in found.text
     assert limit in found.text
+
+
+def test_efforts_far_beyond_their_limit_may_be_a_current_or_a_share_of_the_rated_one():
+    (told,) = {f.text.partition(";")[2] for f in of_arm(lambda r: {"tau": r.tau * 1000})}
+    for way in ("is it in mN m?", 'unit = "mA", torque_constant = ...', "[N m] / 100 or 1000"):
+        assert way in told
+
+
+def test_a_length_in_doubt_is_in_centimetres_where_its_limits_allow_them():
+    slide = UrdfJoint("lift", "m", 0.0, 0.4)
+    for reach, units in ((35.0, ["centimetres", "millimetres"]), (350.0, ["millimetres"])):
+        q = np.linspace(0.0, reach, 100)
+        assert unit_doubt(q, slide, True)
+        assert list(other_units(q, slide)) == units
+    assert list(other_units(np.linspace(0, 90, 9), UrdfJoint("elbow", "rad"))) == ["degrees"]
 
 
 def test_limits_of_zero_are_no_limits():

@@ -357,11 +357,39 @@ def test_a_unit_that_no_map_knows_is_never_taken_as_si():
         ("tau1 (lbf.ft)", 1.35581795),
         ("tau1 [in-lb]", 0.112984829),
         ("tau1 [kgf cm]", 0.0980665),
+        ("torque_1_kgf.cm", 0.0980665),
+        ("torque 1 [kp cm]", 0.0980665),
+        ("torque_1_ft-lb", 1.35581795),
+        ("torque_1_in-lb", 0.112984829),
+        ("torque_1_oz-in", 7.0615518e-3),
+        ("torque_1_N.mm", 1e-3),
+        ("torque_1_cNm", 0.01),
+        ("torque 1 [cN m]", 0.01),
+        ("torque 1 [dNm]", 0.1),
+        ("torque_1_daNm", 10.0),
+        ("torque_1_uNm", 1e-6),
+        ("torque 1 [mN·m]", 1e-3),
     ],
 )
 def test_units_of_torque_that_are_not_metric(name, newtonmetres):
     rules = parse_map(tomllib.loads(propose(("t", "q1", name)).text)).arms[""]
     assert rules["tau1"].terms == {name: pytest.approx(newtonmetres, rel=1e-7)}
+
+
+def test_a_unit_that_its_quantity_cannot_have_is_asked_and_not_left_out():
+    """An effort in cm had been one in N m."""
+    for name, lacks in (("torque_1 [cm]", "tau1"), ("pos_1 [mA]", "q1")):
+        found = propose(("t", "pos_1", name) if lacks == "tau1" else ("t", name, "torque_1"))
+        assert found.fill == (lacks,)
+        assert f'write {{ from = "{name}", scale = (SI unit by this one) }}' in found.text
+    # letters in brackets, and words, are no units
+    assert propose(("t", "pos (a)", "torque (in)")).missing == ()
+
+
+def test_currents_in_two_units_keep_both():
+    found = propose(("t", "pos_1", "pos_2", "cur_1_mA", "cur_2_A"))
+    rules = parse_map(tomllib.loads(found.text), (2.0,)).arms[""]
+    assert [*rules["tau1"].terms.values(), *rules["tau2"].terms.values()] == [0.002, 2.0]
 
 
 def test_the_first_row_of_a_ros_log_says_whose_each_number_is():
