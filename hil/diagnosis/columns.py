@@ -134,7 +134,77 @@ def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[tuple
         if _fits(after, before, OPEN):
             # an effort that is read wrongly is less to assume than a posture
             found.append((HALF * _size(after), code, text))
-    return found
+    if either := _out_of_order(result, recordings):
+        found = [x for x in found if x[1] != "swapped"]
+    return found + either
+
+
+def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[tuple[float, str, str]]:
+    """Doubt, code and sentence of efforts that stand in another order than their positions.
+
+    Either ones may be in the wrong columns: what fits is offered, both where both do.
+    """
+    order = _followed(result.problem)
+    if order == sorted(order):
+        return []
+    back, before = [order.index(k) for k in range(len(order))], _size(result)
+    efforts = [replace(r, tau=r.tau[:, back]) for r in recordings]
+    motions = [replace(_ordered(r, order), tau=r.tau) for r in recordings]
+    tried = []
+    for stem, columns, runs in (("tau", back, efforts), ("q", order, motions)):
+        after = fit(_again(result, runs), result.model, sweeps=1)
+        if _fits(after, before, OPEN):
+            tried.append((_size(after), stem, columns))
+    if not tried:
+        return []
+    least = min(size for size, *_ in tried)
+    said = [_exchange(stem, x, result.problem.joints) for e, stem, x in tried if HALF * e < least]
+    text = f"{said[0][0]}; name the columns in a map ({said[0][1]})"
+    if len(said) > 1:
+        text += (
+            f". With the positions in another order it fits as well ({said[1][1]}): the program "
+            "that wrote the table knows which of the two it exchanged; change one of them alone"
+        )
+    return [(HALF * least, "swapped", text)]
+
+
+def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple[str, str]:
+    """What columns are taken in another order, and what a map says of them."""
+    moved = [k for k, column in enumerate(order) if k != column]
+    names = [f"{stem}{k + 1}" for k in moved]
+    how = "swapped: exchanged" if len(moved) == 2 else "in the wrong columns: put in order"
+    what = f"{', '.join(names[:-1])} and {names[-1]} ({', '.join(joints[k] for k in moved)})"
+    taken = [f"{stem}{k + 1} from the column of {stem}{order[k] + 1}" for k in moved]
+    return f"{what} are {how}, the model fits", ", ".join(taken)
+
+
+def _followed(problem: Problem) -> list[int]:
+    """Position that each joint's effort follows best, each taken once: column of q by joint.
+
+    By what a joint's own acceleration, speed, direction and posture leave of an effort; counted
+    from the efforts: position order[k] belongs with effort k.
+    """
+    moves = np.flatnonzero(~problem.holds)
+    order = list(range(problem.d))
+    left = np.zeros((moves.size, moves.size))
+    for a, j in enumerate(moves):
+        at = problem.live[j]
+        y = problem.effort[j, at]
+        for b, k in enumerate(moves):
+            q, v = problem.q[k, at], problem.qd[k, at]
+            sign = np.tanh(v / max(float(problem.speed_noise[k]), 1e-300))
+            one = np.ones(q.size)
+            own = np.stack([problem.qdd[k, at], v, sign, one, q, np.sin(q), np.cos(q)], axis=1)
+            basis = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
+            left[a, b] = float(np.linalg.norm(_beside(y, basis)))
+    left = np.log(np.maximum(left, 1e-300))
+    rows, taken = scipy.optimize.linear_sum_assignment(left)
+    gain = float(np.trace(left) - left[rows, taken].sum())
+    moved = int(np.sum(rows != taken))
+    if moved and gain > -moved * np.log(WHOLE):
+        for row, column in zip(rows, taken, strict=True):
+            order[int(moves[row])] = int(moves[column])
+    return order
 
 
 def _again(
@@ -211,12 +281,9 @@ def _changes(
         text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
         yield "sign", text, order, np.full(d, -1.0)
     for a, b in combinations(np.flatnonzero(bad).tolist(), 2):
-        swapped = [b if k == a else a if k == b else k for k in order]
-        text = (
-            f"tau{a + 1} and tau{b + 1} ({joints[a]}, {joints[b]}) are swapped: exchanged, the "
-            "model fits; name the columns in a map"
-        )
-        yield "swapped", text, swapped, np.ones(d)
+        swapped = _exchanged(order, a, b)
+        text, taken = _exchange("tau", swapped, joints)
+        yield "swapped", f"{text}; name the columns in a map ({taken})", swapped, np.ones(d)
 
 
 # ------------------------------------------------------------ postures

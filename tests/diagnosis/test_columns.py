@@ -31,6 +31,33 @@ def test_mistaken_columns_are_bad_data(change, code, words):
     assert [c for c, _ in warnings] == [code] and words in warnings[0][1]
 
 
+@pytest.mark.parametrize("order", [[1, 0, 2], [1, 2, 0]])
+def test_positions_in_another_order_than_their_efforts_are_told_both_ways(order):
+    """Of axes nothing says which of the two stand in the wrong columns: it was the efforts."""
+    run = plants.slow_axes(1, d=3)
+    fit = hil.fit([replace(run, q=run.q[:, order])], hil.base_model(run.robot))
+    ((code, text),) = columns.mistaken(fit, [replace(run, q=run.q[:, order])])
+    back = [order.index(k) for k in range(3)]
+    assert code == "swapped" and "change one of them alone" in text
+    for stem, taken in (("q", back), ("tau", order)):
+        for k, c in enumerate(taken):
+            assert (f"{stem}{k + 1} from the column of {stem}{c + 1}" in text) == (k != c)
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2, 3], [1, 2, 0, 3]])
+def test_a_description_tells_that_the_positions_are_in_another_order(order):
+    run = plants.serial_arm(4, 1)
+    for wrong, stem in (
+        (replace(run, q=run.q[:, order]), "q"),
+        (replace(run, tau=run.tau[:, order]), "tau"),
+    ):
+        fit = hil.fit([wrong], hil.base_model(run.robot))
+        ((code, text),) = columns.mistaken(fit, [wrong])
+        back = order.index(0) + 1
+        assert code == "swapped" and f"{stem}1 from the column of {stem}{back}" in text
+        assert ("tau1" in text) == (stem == "tau")
+
+
 def test_a_comparison_says_which_column_is_mistaken():
     run = plants.axes_apart()
     swapped = replace(run, tau=np.ascontiguousarray(run.tau[:, ::-1]))
