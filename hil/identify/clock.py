@@ -12,6 +12,7 @@ as no arm leaves a cubic within four samples, while a wrong instant throws it of
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -98,6 +99,9 @@ class Timing:
         Single values that stood out of their neighbours and were put right.
     dropped : float
         Time in parts too short to stand alone, beyond a long gap [s].
+    late, drift : float
+        How late efforts were at the start against the positions [s], and by how much more with
+        every second [s/s], where their clocks differ; they are put right by it.
     queued : int
         Rows that came at once from a queue, at most; 0 where stamps are none of a queue.
     """
@@ -114,6 +118,8 @@ class Timing:
     wrong: int = 0
     dropped: float = 0.0
     queued: int = 0
+    late: float = 0.0
+    drift: float = 0.0
 
     @property
     def rate(self) -> float:
@@ -413,6 +419,197 @@ def _strayed(x: FloatArray, q: FloatArray) -> float:
     rms = np.sqrt(np.mean(error**2, axis=0))
     rms = rms[rms > 0]
     return float(np.exp(np.mean(np.log(rms)))) if rms.size else 0.0
+
+
+# ------------------------------------------------------------ two clocks
+
+#: Largest drift of the efforts' clock against that of the positions [s/s], and largest lateness at
+#: its start [s].  Half: drifts of 2 % stay; double: twice the time, and more motions that repeat.
+DRIFT, START_S = 0.03, 0.5
+#: Band [Hz] of the motion by which drifts are told, and rate [Hz] in it.  Half: quick strokes tell
+#: nothing; double: lateness is sought in twice as many steps.
+TOLD_HZ, TOLD_RATE = 5.0, 100.0
+#: Steps [s] by which lateness is sought, and length [s] of the first stretch; each next one is
+#: twice as long.  Half: more time; double: strokes of 2 Hz are passed over.
+LATE_STEP, FIRST_S = 0.025, 8.0
+#: Ways that are followed from one stretch to the next.  Half: a motion that repeats may lead
+#: astray; double: twice the time.
+FOLLOWED = 24
+#: Share of the efforts' square, left by a lateness that does not grow, below which none is sought.
+#: Half: more time; double: small drifts stay where a fit of one run finds them.
+WELL = 0.02
+#: Share of the squared error that a drift must leave at most, of that of the best lateness that
+#: does not grow; and growth [s] over a run below which a fit tells it (`hil.identify.timing`).
+#: Half: drifts beside a missing effect stay; double: what only looks so is taken for one.
+TAKES, GROWS_S = 0.6, 0.02
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What tells a drift of a run: time since its start, columns by joint, efforts."""
+
+    since: FloatArray
+    columns: list[FloatArray]
+    efforts: FloatArray
+
+    def within(self, way: FloatArray) -> _Left:
+        """What is left where efforts that are late by about so much were recorded."""
+        late = self.since + way[0] + way[1] * self.since
+        return self._of((late > self.since[0] + LATE_STEP) & (late < self.since[-1] - LATE_STEP))
+
+    def left(self, end: float) -> _Left:
+        """What is left in the time up to `end` [s]."""
+        return self._of(self.since <= end)
+
+    def _of(self, at: NDArray[np.bool_]) -> _Left:
+        bases = [np.linalg.qr(x[at])[0] for x in self.columns]
+        return _Left(self.since[at], bases, self.since, self.efforts)
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What is left of the efforts of a stretch if they are late by s + c t."""
+
+    since: FloatArray
+    bases: list[FloatArray]
+    whole: FloatArray
+    efforts: FloatArray
+
+    def __call__(self, way: FloatArray) -> float:
+        """Mean over the joints of the log of the share of the square that is left."""
+        at = self.since + way[0] + way[1] * self.since
+        out = 0.0
+        for basis, effort in zip(self.bases, self.efforts.T, strict=True):
+            y = np.interp(at, self.whole, effort)
+            y -= y.mean()
+            out += np.log(max(1.0 - np.sum((basis.T @ y) ** 2) / max(y @ y, 1e-300), 1e-12))
+        return float(out / len(self.bases))
+
+
+def on_one_clock(parts: list[Even], timing: Timing) -> tuple[list[Even], Timing]:
+    """Parts of a run with the efforts on the clock of the positions, where the two differ.
+
+    Efforts r that are late by s + c t acted as tau(t) = r(t + s + c t).  The two numbers are sought
+    by how well what a joint's own motion explains of its effort, whatever its coefficients:
+    acceleration, speed, direction and posture.  A first stretch leaves some pairs, each next one
+    fewer.  What lies beyond the recorded efforts is cut off.
+    """
+    told = _told(parts)
+    way = _drift(told) if told is not None else None
+    if way is None:
+        return parts, timing
+    way = _refined_way(way, [x for x in (told, _told(parts, rates=False)) if x is not None])
+    out = []
+    for part in parts:
+        r = part.recording
+        t = r.t + way[0] + way[1] * (part.start + r.t - r.t[0])
+        inside = np.flatnonzero((t >= r.t[0]) & (t <= r.t[-1]))
+        if inside.size < 20:
+            continue
+        first, last = int(inside[0]), int(inside[-1]) + 1
+        changes: dict[str, Any] = {}
+        for key in ("tau", "current"):
+            if (values := getattr(r, key)) is not None:
+                spline = scipy.interpolate.CubicSpline(r.t, values, axis=0)
+                changes[key] = spline(np.clip(t, r.t[0], r.t[-1]))
+        bridges = np.clip(part.bridges - first, 0, last - first)
+        bridges = bridges[bridges[:, 1] > bridges[:, 0]]
+        start = part.start + float(r.t[first] - r.t[0])
+        out.append(Even(replace(r, **changes).slice(first, last), bridges, start))
+    return out, replace(timing, late=float(way[0]), drift=float(way[1]))
+
+
+def _told(parts: list[Even], rates: bool = True) -> _Told | None:
+    """What tells a drift of a run; None where it is too short, or nothing moves.
+
+    `rates`: of all of it the rates, in which gravity's slow pull does not hide the rest.
+    """
+    first, last = parts[0].recording, parts[-1]
+    length = last.start + float(last.recording.t[-1] - last.recording.t[0])
+    if length < 2 * FIRST_S or first.rate < 4 * TOLD_HZ or min(p.recording.n for p in parts) < 100:
+        return None
+    spans = [np.ptp(np.concatenate([getattr(p.recording, k) for p in parts]), 0) for k in _BOTH]
+    moves = np.flatnonzero((spans[0] > 0) & (spans[1] > 0))
+    if not moves.size:
+        return None
+    step = max(int(first.rate / TOLD_RATE), 1)
+    rate = first.rate / step
+    since, made = [], []
+    for p in parts:
+        q, tau = (_low(getattr(p.recording, k), first.rate, 2)[::step] for k in _BOTH)
+        speed = np.gradient(q, 1 / rate, axis=0)
+        slow = 0.1 * np.sqrt(np.mean(speed**2, axis=0)) + 1e-300
+        sign = np.tanh(speed / slow)
+        shared = [np.gradient(speed, 1 / rate, axis=0), np.sin(q), np.cos(q)]
+        by_joint = [np.stack([q[:, j], speed[:, j], sign[:, j]], axis=1) for j in moves]
+        every = [*(x[:, moves] for x in shared), *by_joint, tau[:, moves]]
+        low = _low(np.concatenate([*every[:-1], np.ones((len(q), 1)), every[-1]], axis=1), rate, 1)
+        made.append(np.gradient(low, axis=0) if rates else low)
+        since.append(p.start + np.arange(len(q)) / rate)
+    columns, n = np.concatenate(made), moves.size
+    columns = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
+    common, own = columns[:, : 3 * n], columns[:, 3 * n : -n - 1]
+    one = columns[:, [] if rates else [-n - 1]]
+    each = [np.concatenate([one, common, own[:, 3 * k : 3 * k + 3]], axis=1) for k in range(n)]
+    return _Told(np.concatenate(since), each, columns[:, -n:])
+
+
+#: What tells a drift.
+_BOTH = ("q", "tau")
+
+
+def _low(x: FloatArray, rate: float, times: int) -> FloatArray:
+    """Columns (n, m) below so many times the band, of a rate that is high enough."""
+    cutoff = min(times * TOLD_HZ, 0.4 * rate)
+    sos = scipy.signal.butter(2, cutoff, fs=rate, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sos, x, axis=0))
+
+
+def _drift(told: _Told) -> FloatArray | None:
+    """Lateness at the start [s] and its growth [s/s]; None where the clocks do not differ."""
+    length, end = float(told.since[-1]), FIRST_S
+    whole = told.left(length)
+    starts = np.arange(-START_S, START_S + LATE_STEP, LATE_STEP)
+    near = min(starts, key=lambda s: whole(np.array([s, 0.0])))
+    alone = scipy.optimize.minimize_scalar(
+        lambda s: whole(np.array([s, 0.0])),
+        bounds=(near - LATE_STEP, near + LATE_STEP),
+        method="bounded",
+    ).fun
+    if alone < np.log(WELL):
+        return None
+    rates = np.arange(-DRIFT, DRIFT + 1e-9, LATE_STEP / end)
+    ways = np.stack(np.meshgrid(starts, rates), axis=-1).reshape(-1, 2)
+    while True:
+        left = told.left(end)
+        score = np.array([left(w) for w in ways])
+        ways = ways[np.argsort(score)[:FOLLOWED]]
+        if end >= length:
+            break
+        longer = min(2 * end, length)
+        offset = np.arange(-2, 3) * LATE_STEP / longer
+        late = np.array([-LATE_STEP / 2, 0.0, LATE_STEP / 2])
+        near = np.stack(np.meshgrid(late, offset), axis=-1).reshape(-1, 2)
+        ways = np.unique(np.round((ways[:, None] + near).reshape(-1, 2), 9), axis=0)
+        end = longer
+    best: FloatArray = ways[0]
+    best = _least(whole, best, length)
+    sure = whole(best) < alone + np.log(TAKES) and abs(best[1]) * length > GROWS_S
+    return best if sure else None
+
+
+def _refined_way(way: FloatArray, told: Sequence[_Told]) -> FloatArray:
+    """The same to the full, where efforts were recorded."""
+    each = [x.within(way) for x in told]
+    return _least(lambda w: sum(left(w) for left in each), way, float(told[0].since[-1]))
+
+
+def _least(left: Callable[[FloatArray], float], way: FloatArray, length: float) -> FloatArray:
+    """Lateness at the start and its growth that leave least, from near."""
+    simplex = way + np.array([[0, 0], [LATE_STEP / 2, 0], [0, LATE_STEP / length]])
+    options: Any = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-7}
+    found = scipy.optimize.minimize(left, way, method="Nelder-Mead", options=options)
+    return np.asarray(found.x, dtype=np.float64)
 
 
 def _parts(r: Recording, found: _Found, timing: Timing, gap_s: float) -> tuple[list[Even], Timing]:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural
 from hil.identify import bands
-from hil.identify.clock import EVEN, FILLED, Even, Timing, even
+from hil.identify.clock import EVEN, FILLED, GROWS_S, Even, Timing, even, on_one_clock
 from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot
@@ -147,6 +147,8 @@ class Prepared:
             ],
             "dropped_s": t.dropped,
             "queued": t.queued,
+            "effort_late_s": t.late,
+            "effort_drift": t.drift,
             "parts": self.parts,
             "left_out_s": self.left_out,
             "band": {
@@ -181,11 +183,31 @@ def prepared(recording: Recording, band: Band | None = None, moving: bool = True
         Whether the motor's effort is to be explained (else the external one).
     """
     band = signal(band or Band(), recording)
-    parts, timing = even(recording, band.rate_hz, band.gap_s)
+    parts, timing = on_grid(recording, band, moving)
     runs = [p.recording for p in parts]
     rates = bands.choose(runs, band, moving, [min(timing.source, r.rate) for r in runs])
     left = sum(float(np.sum(bridged(p, rates.position))) / p.recording.rate for p in parts)
     return Prepared(recording.name, timing, rates, len(parts), left, _excitation(runs, rates))
+
+
+def on_grid(r: Recording, band: Band, moving: bool = True) -> tuple[list[Even], Timing]:
+    """Parts of a run on an even grid, efforts and positions on one clock, and what was done.
+
+    Where a map states how late the efforts are, or `band` how fast two clocks differ, that holds.
+
+    Parameters
+    ----------
+    r : Recording
+        As recorded.
+    band : Band
+        Its [signal], as `signal` has it.
+    moving : bool
+        Whether the motor's effort is to be explained (else the external one).
+    """
+    parts, timing = even(r, band.rate_hz, band.gap_s)
+    stated = any(SIGNAL + key in r.metadata for key in ("shift_s", "clock_ppm"))
+    stated = stated or abs(band.clock_ppm) * 1e-6 * float(np.ptp(r.t)) > GROWS_S / 2
+    return (parts, timing) if stated or not moving else on_one_clock(parts, timing)
 
 
 def signal(band: Band, recording: Recording) -> Band:
@@ -326,6 +348,20 @@ def timing_notes(t: Timing) -> list[tuple[str, str]]:
         )
     if t.gaps:
         out.append(("gap", _gaps(t)))
+    if t.drift:
+        size, side = abs(t.late), "late" if t.late > 0 else "early"
+        start = f"{size * 1e3:.3g} ms {side}" if size > t.period else "in time"
+        more = "later" if t.drift > 0 else "earlier"
+        out.append(
+            (
+                "two-clocks",
+                f"the efforts are {start} against the positions at the start, and by "
+                f"{abs(t.drift) * 1e3:.4g} ms {more} with every second: two clocks that differ by "
+                f"{abs(t.drift):.2%}. Efforts are taken by the clock of the positions, and what "
+                "lies beyond them is left out. To use other values, set clock_ppm and shift_s "
+                "under [signal] of a map and import again",
+            )
+        )
     if t.dropped:
         out.append(("gap", f"{t.dropped:.3g} s left out: parts too short to use alone"))
     return out

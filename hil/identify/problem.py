@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify import bands
-from hil.identify.clock import Timing, even
+from hil.identify.clock import Timing
 from hil.identify.column_cache import Kept, Seen, watched
 from hil.identify.prepare import (
     Decimator,
     at_instants,
     converted,
+    on_grid,
     prepare,
     signal,
     timing_notes,
@@ -217,7 +218,8 @@ class Rows:
         #: Steps of the converter that the efforts pass after they are recorded, by joint.
         self.effort_step = said[0].effort_step
         sent = [converted(r, self.effort_step) for r in recordings]
-        made = [even(r, b.rate_hz, b.gap_s) for r, b in zip(sent, said, strict=True)]
+        moving = explains == "motor"
+        made = [on_grid(r, b, moving) for r, b in zip(sent, said, strict=True)]
         parts = [part for found, _ in made for part in found]
         self.whole = np.repeat(np.arange(len(made)), [len(found) for found, _ in made])
         self.timings: list[Timing] = [timing for _, timing in made]
@@ -227,7 +229,6 @@ class Rows:
             min(self.timings[k].source, r.rate)
             for k, r in zip(self.whole, self.recordings, strict=True)
         ]
-        moving = explains == "motor"
         self.rates = rates or bands.choose(self.recordings, said[0], moving, self.sources)
         lows = np.min([r.q.min(axis=0) for r in self.recordings], axis=0)
         highs = np.max([r.q.max(axis=0) for r in self.recordings], axis=0)

@@ -172,11 +172,12 @@ def _slow_delay(result: FitResult, j: int, whole: bool, friction: bool) -> tuple
 
 
 def _in_pieces(
-    result: FitResult, j: int, law: Effect, more: Sequence[Effect]
+    result: FitResult, j: int, law: Effect, more: Sequence[Effect], by_run: bool = False
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lateness of each piece of the slow motion (k,), its covariance, and what each piece weighs.
 
-    The last are squares (n, k) over the instants; `more`: what has coefficients of its own beside.
+    The last are squares (n, k) over the instants; `more`: what has coefficients of its own beside;
+    `by_run`: as many pieces of each run.
     """
     problem = result.problem
     x = result.x.reshape(problem.d, problem.n, -1)[j]
@@ -184,7 +185,7 @@ def _in_pieces(
     own = [x[:, np.any(x != 0, axis=0)], *other]
     rows = np.concatenate([*own, late, problem.y[j][:, None]], axis=1)
     rows = _slow_runs(rows, problem)
-    dealt = _dealt(rows[:, -2])
+    dealt = _dealt_by_run(rows[:, -2], problem) if by_run else _dealt(rows[:, -2])
     columns = np.concatenate([rows[:, :-2], dealt], axis=1)
     b = basis(columns)
     nothing = np.zeros(columns.shape[1])
@@ -202,19 +203,17 @@ def lateness_line(result: FitResult) -> tuple[float, float, float]:
 
     A line through the pieces of each joint, by generalised least squares, beside friction that
     changes over the run; errors as in `_agreed`.  Joints have one clock: their medians, as for a
-    lateness that all have in common.  Of one run: (0, 0, inf) for several.
+    lateness that all have in common.  Runs have one rate, and each its own start.
     """
     problem = result.problem
-    if problem.runs > 1:
-        return 0.0, 0.0, float("inf")
     laws, lines = [_OtherFriction(), _ChangingFriction()], []
     half = max(float(m.since[-1]) for m in problem.motions) / 2
     for j in np.flatnonzero(~problem.holds).tolist():
-        values, covariance, weight = _in_pieces(result, j, _Rate(), laws)
+        values, covariance, weight = _in_pieces(result, j, _Rate(), laws, by_run=True)
         since = problem.gated([m.since[:, None] for m in problem.motions], j)[:, 0]
         at = since @ weight / np.maximum(weight.sum(axis=0), 1e-300)
         # y = X theta + T dtau/dt: what is late has a negative T
-        lines += _line(-values, covariance, at - half)
+        lines += _line(-values, covariance, at - half, problem.runs)
     if not lines:
         return 0.0, 0.0, float("inf")
     middle, slope = (
@@ -225,21 +224,32 @@ def lateness_line(result: FitResult) -> tuple[float, float, float]:
 
 
 def _line(
-    values: FloatArray, covariance: FloatArray, at: FloatArray
+    values: FloatArray, covariance: FloatArray, at: FloatArray, runs: int = 1
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Value and slope at zero of a line through some values, and their errors by the scatter.
 
+    Of several runs, with as many values each: lines of one slope, and the mean of their values.
     Empty where the values do not determine a line.
     """
-    line, inverse = np.stack([np.ones(at.size), at], axis=1), np.linalg.pinv(covariance)
+    own = np.repeat(np.eye(runs), at.size // runs, axis=0)
+    line, inverse = np.concatenate([own, at[:, None]], axis=1), np.linalg.pinv(covariance)
     normal = line.T @ inverse @ line
-    if np.linalg.matrix_rank(normal) < 2:
+    if np.linalg.matrix_rank(normal) < runs + 1:
         return []
     back = np.linalg.inv(normal)
     found = back @ line.T @ inverse @ values
     apart = values - line @ found
-    ratio = float(apart @ inverse @ apart) / max(values.size - 2, 1)
-    return [(found, np.sqrt(max(ratio, 1.0) * np.diag(back)))]
+    ratio = float(apart @ inverse @ apart) / max(values.size - runs - 1, 1)
+    mean = np.concatenate([np.full((1, runs), 1 / runs), np.zeros((1, runs))]).T
+    mean = np.concatenate([mean, [[0.0, 1.0]]]).T
+    error = np.sqrt(max(ratio, 1.0) * np.diag(mean @ back @ mean.T))
+    return [(mean @ found, error)]
+
+
+def _dealt_by_run(late: FloatArray, problem: Problem) -> FloatArray:
+    """The same for each run by itself (n, runs PIECES)."""
+    run = problem.whole[problem.run]
+    return np.concatenate([_dealt(late * (run == k)) for k in range(problem.runs)], axis=1)
 
 
 def _dealt(late: FloatArray) -> FloatArray:
