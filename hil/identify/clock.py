@@ -516,6 +516,8 @@ def on_one_clock(parts: list[Even], timing: Timing) -> tuple[list[Even], Timing]
         bridges = bridges[bridges[:, 1] > bridges[:, 0]]
         start = part.start + float(r.t[first] - r.t[0])
         out.append(Even(replace(r, **changes).slice(first, last), bridges, start))
+    if not out:
+        return parts, timing
     return out, replace(timing, late=float(way[0]), drift=float(way[1]))
 
 
