@@ -461,6 +461,10 @@ class _Told:
         """What is left in the time up to `end` [s]."""
         return self._of(self.since <= end)
 
+    def from_(self, start: float) -> _Left:
+        """What is left in the time from `start` [s] on."""
+        return self._of(self.since >= start)
+
     def _of(self, at: NDArray[np.bool_]) -> _Left:
         bases = [np.linalg.qr(x[at])[0] for x in self.columns]
         return _Left(self.since[at], bases, self.since, self.efforts)
@@ -573,12 +577,13 @@ def _drift(told: _Told) -> FloatArray | None:
     whole = told.left(length)
     starts = np.arange(-START_S, START_S + LATE_STEP, LATE_STEP)
     near = min(starts, key=lambda s: whole(np.array([s, 0.0])))
-    alone = scipy.optimize.minimize_scalar(
+    steady = scipy.optimize.minimize_scalar(
         lambda s: whole(np.array([s, 0.0])),
         bounds=(near - LATE_STEP, near + LATE_STEP),
         method="bounded",
-    ).fun
-    if alone < np.log(WELL):
+    )
+    alone = np.array([steady.x, 0.0])
+    if steady.fun < np.log(WELL):
         return None
     rates = np.arange(-DRIFT, DRIFT + 1e-9, LATE_STEP / end)
     ways = np.stack(np.meshgrid(starts, rates), axis=-1).reshape(-1, 2)
@@ -596,8 +601,11 @@ def _drift(told: _Told) -> FloatArray | None:
         end = longer
     best: FloatArray = ways[0]
     best = _least(whole, best, length)
-    sure = whole(best) < alone + np.log(TAKES) and abs(best[1]) * length > GROWS_S
-    return best if sure else None
+    if abs(best[1]) * length <= GROWS_S or whole(best) >= steady.fun + np.log(TAKES):
+        return None
+    # a clock runs on: what is late in the middle is late the other way round at either end
+    ends = told.left(length / 3), told.from_(2 * length / 3)
+    return best if all(x(best) < x(alone) + np.log(TAKES) for x in ends) else None
 
 
 def _refined_way(way: FloatArray, told: Sequence[_Told]) -> FloatArray:
