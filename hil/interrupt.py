@@ -56,6 +56,30 @@ class Interrupts:
         self._told = False
         #: Exit code of a command that is done.
         self._code: int | None = None
+        #: Parts that are done as a whole, one within the other, and what waits for their end.
+        self._whole = 0
+        self._waiting: Callable[[], None] | None = None
+
+    def __enter__(self) -> None:
+        """What follows is done as a whole: an interruption of the main thread waits for its end.
+
+        For what is worse half done, e.g. a chunk that is written and counted.
+        """
+        if threading.current_thread() is threading.main_thread():
+            self._whole += 1
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if threading.current_thread() is threading.main_thread():
+            self._whole -= 1
+            if not self._whole and self._waiting is not None:
+                given, self._waiting = self._waiting, None
+                given()
+
+    def waits(self, given: Callable[[], None]) -> bool:
+        """Whether a signal came within what is done as a whole; `given` is called at its end."""
+        if self._whole:
+            self._waiting = given
+        return self._whole > 0
 
     def arm(self) -> None:
         """From here on Ctrl-C leaves at once; to be called before anything large is imported."""
@@ -98,9 +122,12 @@ class Interrupts:
                 self._give_again()
                 return
             frame = frame.f_back
-        if not unwinds:
-            self._since, self.seen = time.monotonic(), True
-            raise KeyboardInterrupt
+        if not (unwinds or self.waits(self._unwind)):
+            self._unwind()
+
+    def _unwind(self) -> None:
+        self._since, self.seen = time.monotonic(), True
+        raise KeyboardInterrupt
 
     def done(self, code: int) -> None:
         """The command is done and all is said: the process ends with `code`."""

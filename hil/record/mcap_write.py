@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba as nb
 import numpy as np
@@ -22,6 +23,7 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.interrupt import interrupts
 from hil.record.frames import SCHEMA, SCHEMA_NAME, TOPIC, BoundedFrameLog, encode
 from hil.record.recovery import (
     CHUNK_BYTES,
@@ -286,6 +288,20 @@ CHUNK_NS = 80_000_000
 START_NS, START_CHUNK_NS = 200_000_000, 10_000_000
 
 
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def _whole(function: Method) -> Method:
+    """A function that no Ctrl-C leaves half done: the index would point beside the chunks."""
+
+    @wraps(function)
+    def done(*args: Any, **kwargs: Any) -> Any:
+        with interrupts:
+            return function(*args, **kwargs)
+
+    return cast(Method, done)
+
+
 class SessionWriter:
     """An open session file.
 
@@ -362,6 +378,7 @@ class SessionWriter:
         number = define_channel(self._writer, channel.topic, "cdr", self._schemas[name, text])
         self._encode[channel.topic] = (number, channel.width, encode)
 
+    @_whole
     def write(self, topic: str, tick: int, t_ns: int, values: Sequence[float]) -> None:
         """Write one message.
 
@@ -391,6 +408,7 @@ class SessionWriter:
         self.messages += 1
         self._keep_up(t_ns)
 
+    @_whole
     def write_rows(
         self,
         topics: Sequence[tuple[str, slice]],
@@ -453,6 +471,7 @@ class SessionWriter:
             self._file.sync()
             self._synced_ns = t_ns
 
+    @_whole
     def event(self, tick: int, t_ns: int, name: str, data: Mapping[str, object]) -> None:
         """Write a rare event as JSON on `/events`."""
         if not self._events:
@@ -494,12 +513,14 @@ class SessionWriter:
                 t_ns = max(frame.t_ns - self._origin_ns, 0) + max(self._epoch_ns, 0)
                 self._writer.add_message(number, t_ns, encode(frame, t_ns), t_ns, 0)
 
+    @_whole
     def metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Add a record that was not known at the beginning."""
         self._end_chunk()
         self._writer.add_metadata(name, dict(record))
         self._records[name], self._late = dict(record), True
 
+    @_whole
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
         self._write_frames()
@@ -533,6 +554,7 @@ class SessionWriter:
         """Let go of the file without a byte more: another process writes it."""
         self._file.close()
 
+    @_whole
     def close(self) -> None:
         """Write the index and close the file."""
         if not self._file.closed:

@@ -16,7 +16,7 @@ from types import FrameType
 
 from hil import registry
 from hil.errors import ConfigError, DeviceError, HilError
-from hil.interrupt import Ended
+from hil.interrupt import Ended, interrupts
 from hil.record.ring import Ring
 from hil.rig import estimators
 from hil.rig.config import RigConfig
@@ -360,6 +360,11 @@ SIGNALS = ("SIGTERM", "SIGHUP")
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:
+    if not interrupts.waits(lambda: _end(number)):
+        _end(number)
+
+
+def _end(number: int) -> None:
     raise Ended(number)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from mcap.reader import make_reader
 
 from hil.cli import main
 from hil.interrupt import Ended, Interrupts, held_back, interrupts, saying
@@ -89,6 +90,47 @@ def test_while_a_session_is_recorded(tmp_path):
     assert done.stderr.count("interrupted") == 1
     found = load(tmp_path / "s.mcap", "leader")
     assert found.n > 100 and "note" not in found.metadata  # closed properly
+
+
+@pytest.mark.parametrize("many", [1, 3])
+def test_what_is_done_as_a_whole_is_not_left_half_done(many):
+    interrupts, done = Interrupts(), []
+    with interrupts.unwinding("run"):
+        with pytest.raises(KeyboardInterrupt), interrupts:
+            with interrupts:
+                for _ in range(many):
+                    interrupts._handle(signal.SIGINT, None)
+                done.append("within")
+            done.append("around")
+        assert done == ["within", "around"] and interrupts.seen
+        with interrupts:  # nothing waits any more
+            pass
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_the_index_of_a_session_is_right_wherever_the_signal_comes(tmp_path, name):
+    script = f"""
+import os, signal
+from hil.record import recovery
+write, count = recovery.FileIO.write, []
+class Raw(recovery.FileIO):
+    def write(self, data):
+        n = super().write(data)
+        count.append(n)
+        if len(count) == 20:  # written, and not yet counted
+            os.kill(os.getpid(), signal.{name})
+        return n
+recovery.FileIO = Raw
+from hil.__main__ import program
+program()
+"""
+    words = ("run", "teleop", "--clock", "lockstep", "--seconds", "1000", "-o", "s.mcap")
+    done = run(script, *words, folder=tmp_path)
+    assert done.returncode == 128 + getattr(signal, name)
+    found = load(tmp_path / "s.mcap", "leader")
+    assert "note" not in found.metadata
+    with (tmp_path / "s.mcap").open("rb") as file:
+        assert len(list(make_reader(file, validate_crcs=True).iter_messages()))
 
 
 def test_a_second_one_does_not_disturb_what_the_first_unwinds():
