@@ -503,7 +503,7 @@ class Quadrature:
     ) -> None:
         if not abs(phase_error) < 1.0 or decoder_hz <= 0 or lines < 1:
             raise ConfigError("quadrature: |phase_error| < 1, decoder_hz > 0, lines > 0 needed.")
-        if any(not 0 <= line < lines for line in dirty):
+        if any(not isinstance(line, int) or not 0 <= line < lines for line in dirty):
             raise ConfigError(f"quadrature: dirty lines are 0 to {lines - 1}.")
         self._dark = np.zeros(lines, np.bool_)
         self._dark[list(dirty)] = True

@@ -16,7 +16,7 @@ from hil.signals.bus import Bus, Step
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import LINES, CanLine
 from hil.sim_devices.joints import motion, touch
-from hil.sim_devices.plants.build import with_defaults
+from hil.sim_devices.plants.build import hidden_rows, same_type, with_defaults
 from hil.sim_devices.plants.layout import ELEMENTS
 from hil.sim_devices.simtime import VirtualTime
 
@@ -150,19 +150,16 @@ class SimArm:
         Raises
         ------
         ConfigError
-            For an effect, a joint or a key that is not known.
+            For a joint that is not known.
         """
         where = "[[simulation.hidden]]"
-        for key in row:
-            if key not in ("effect", "arm", "joint", "amplitude"):
-                raise ConfigError(
-                    f"{where}: {unknown('key', key, ('effect', 'arm', 'joint', 'amplitude'))}"
-                )
-        name, joint = str(row.get("effect")), str(row.get("joint"))
-        if name not in HIDDEN:
-            raise ConfigError(f"{where}: {unknown('effect', name, HIDDEN)}")
+        name, joint = row["effect"], row.get("joint", "")
+        if not joint:
+            raise ConfigError(
+                f"{where} {name}: the key 'joint' is missing; there are {', '.join(self.joints)}"
+            )
         if joint not in self.joints:
-            raise ConfigError(f"{where}: {unknown('joint', joint, self.joints)}")
+            raise ConfigError(f"{where} {name}: {unknown('joint', joint, self.joints)}")
         i, amplitude = self.joints.index(joint), float(row.get("amplitude", 1.0))
         shares, values = HIDDEN[name]
         for key, value in shares.items():
@@ -271,7 +268,7 @@ class JointBench:
         for k, (name, arm) in enumerate(arms.items()):
             home = _home(name, arm, table["home"])
             self.arms[name] = SimArm(name, arm, home, 1000 * int(table["truth_seed"]) + k)
-        for row in table["hidden"]:
+        for row in hidden_rows(table["hidden"], {name: {} for name in HIDDEN}):
             name = row.get("arm", next(iter(arms)))
             if name not in self.arms:
                 raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', name, arms)}")
@@ -396,7 +393,8 @@ def _library(error: ImportError) -> str:
 
 def _home(name: str, arm: Described, table: Mapping[str, Any]) -> Sequence[float]:
     home = table.get(name, arm.center)
-    if not isinstance(home, (list, tuple)) or len(home) != len(arm.joints):
+    numbers = isinstance(home, (list, tuple)) and all(same_type(q, 0.0) for q in home)
+    if not numbers or len(home) != len(arm.joints):
         raise ConfigError(
             f"[simulation] home.{name}: {len(arm.joints)} joint positions [rad] are needed"
         )

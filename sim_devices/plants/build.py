@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,6 +86,36 @@ RANDOM = (
 NESTED_SLIP = (3e-3, 6e-3, 1.2e-2, 2e-2)
 
 
+#: Keys of a row of ``[[simulation.hidden]]``, with a value of their type.
+ROW_KEYS: dict[str, Any] = {"effect": "stribeck", "arm": "arm", "joint": "joint2", "amplitude": 1.0}
+
+
+def hidden_rows(rows: list[Any], known: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of ``[[simulation.hidden]]``, each checked like every other table.
+
+    Parameters
+    ----------
+    rows : list
+        As the rig file has them.
+    known : mapping
+        Effect -> keys of its own beside `ROW_KEYS`, with a value of their type.
+    """
+    for n, row in enumerate(rows, 1):
+        where = f"[[simulation.hidden]] row {n}"
+        if not isinstance(row, Mapping):
+            raise ConfigError(f"{where}: a table is needed, not {row!r}")
+        name = row.get("effect")
+        own = known.get(name, {}) if isinstance(name, str) else {}
+        if isinstance(name, str) and name not in known:
+            raise ConfigError(f"{where}: {unknown('effect', name, known)}")
+        with_defaults(where, dict(row), ROW_KEYS | dict(own))
+        if name is None:
+            raise ConfigError(
+                f"{where}: the key 'effect' is missing; there are {', '.join(sorted(known))}"
+            )
+    return [dict(row) for row in rows]
+
+
 def choose(rows: list[dict[str, Any]], arms: list[str], seed: int) -> list[dict[str, Any]]:
     """Replace ``effect = "random"`` by a choice that depends on `seed` alone."""
     rng = np.random.default_rng([seed, 0x41D])
@@ -103,8 +134,6 @@ def choose(rows: list[dict[str, Any]], arms: list[str], seed: int) -> list[dict[
 def apply(p: NDArray[np.void], row: dict[str, Any]) -> None:
     """Put one effect of ``[[simulation.hidden]]`` into the record `p` (1,) of its arm."""
     name = row["effect"]
-    if name not in HIDDEN:
-        raise ConfigError(f"[[simulation.hidden]]: {unknown('effect', name, [*HIDDEN, 'random'])}")
     amplitude = float(row.get("amplitude", 1.0))
     if name == "payload":
         truth.add_tip_mass(p, amplitude * HIDDEN[name].size["payload"])
@@ -117,15 +146,12 @@ def apply(p: NDArray[np.void], row: dict[str, Any]) -> None:
         i = JOINTS.index(label)
         values = {k: v * amplitude for k, v in kind.size.items()}
         values |= {k: v[i] if isinstance(v, tuple) else v for k, v in kind.shape.items()}
-        _set(p, name, i, values | _own(row, values), row)
+        _set(p, name, i, values | _own(row), row)
 
 
-def _own(row: dict[str, Any], values: dict[str, float]) -> dict[str, float]:
+def _own(row: dict[str, Any]) -> dict[str, float]:
     """Values that the row itself gives, e.g. ``stop_at = 0.3``."""
     own = {k: v for k, v in row.items() if k not in ("effect", "arm", "joint", "amplitude", "by")}
-    for key in own:
-        if key not in values:
-            raise ConfigError(f"[[simulation.hidden]]: {unknown('key', key, values)}")
     return {k: float(v) for k, v in own.items()}
 
 
@@ -189,23 +215,25 @@ def with_defaults(where: str, given: dict[str, Any], known: dict[str, Any]) -> d
 
     A value is of the type of its default; numbers are finite.
     """
+    head = where if where.startswith("[") else f"[{where}]"
     for key, value in given.items():
         if key not in known:
-            raise ConfigError(f"[{where}]: {unknown('key', key, known)}")
-        if not _alike(value, known[key]):
-            raise ConfigError(
-                f"[{where}] {key} = {value!r}: something like {known[key]!r} is needed"
-            )
+            raise ConfigError(f"{head}: {unknown('key', key, known)}")
+        if not same_type(value, known[key]):
+            raise ConfigError(f"{head} {key} = {value!r}: something like {known[key]!r} is needed")
     return known | given
 
 
-def _alike(value: Any, default: Any) -> bool:
-    if default is None or isinstance(default, int | float):
+def same_type(value: Any, default: Any) -> bool:
+    """Whether a value of a rig file is of the type of another one, and finite."""
+    if isinstance(default, int):
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST
+    if default is None or isinstance(default, float):
         number = isinstance(value, int | float) and not isinstance(value, bool)
         return (number and abs(value) <= LARGEST) or (default is None and value is None)
     if isinstance(default, list) and default:
         alike = isinstance(value, list) and len(value) == len(default)
-        return alike and all(_alike(x, default[0]) for x in value)
+        return alike and all(same_type(x, default[0]) for x in value)
     return isinstance(value, type(default))
 
 
@@ -221,7 +249,12 @@ def plan(arms: dict[str, str], section: dict[str, Any], seed: int) -> Plan:
         parameters[i] = truth.arm(facts, sensor, gauges.standard_normal((6, 6)))[0]
         start(parameters[i], state[i], np.asarray(table["home"], float))
     choice = table["hidden_seed"]
-    for row in choose(table["hidden"], names, seed if choice is None else int(choice)):
+    own: dict[str, dict[str, Any]] = {
+        name: kind.size | dict.fromkeys(kind.shape, 1.0) for name, kind in HIDDEN.items()
+    }
+    own["coupled-friction"]["by"] = "joint1"
+    rows = hidden_rows(table["hidden"], own | {"random": {}})
+    for row in choose(rows, names, seed if choice is None else int(choice)):
         if row["arm"] not in names:
             raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', row['arm'], names)}")
         k = names.index(row["arm"])

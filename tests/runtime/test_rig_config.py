@@ -3,6 +3,7 @@
 import dataclasses
 import datetime
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -128,6 +129,35 @@ def test_a_session_that_ends_paused_says_so_by_its_exit_code(tmp_path, capsys):
         done.enabled()
 
 
+ROW = "[[simulation.hidden]] row 1"
+
+
+@pytest.mark.parametrize(
+    ("rig", "row", "says"),
+    [
+        ("teleop", "effect = 3", f"{ROW} effect = 3"),
+        ("teleop", 'effect = "spring"\narm = 2', f"{ROW} arm = 2"),
+        ("teleop", 'effect = "spring"\njoint = 2', f"{ROW} joint = 2"),
+        ("teleop", 'efect = "spring"', f"{ROW}: unknown key 'efect'. Did you mean 'effect'"),
+        ("teleop", 'arm = "leader"', f"{ROW}: the key 'effect' is missing"),
+        ("teleop", 'effect = "spring"\namplitude = "big"', f"{ROW} amplitude = 'big'"),
+        ("teleop", 'effect = "coupled-friction"\nby = 3', f"{ROW} by = 3"),
+        ("arm6", "effect = 3", f"{ROW} effect = 3"),
+        ("arm6", 'effect = "spring"\njoint = 2', f"{ROW} joint = 2"),
+        ("arm6", 'effect = "spring"\narm = 2\njoint = "elbow"', f"{ROW} arm = 2"),
+        ("arm6", 'effect = "spring"\namplitude = "big"\njoint = "elbow"', f"{ROW} amplitude"),
+        ("arm6", 'effect = "spring"', "the key 'joint' is missing"),
+    ],
+)
+def test_a_row_of_hidden_effects_that_is_none(tmp_path, capsys, rig, row, says):
+    shutil.copy(RIGS / "arm6.urdf", tmp_path)
+    text = (RIGS / f"{rig}.toml").read_text()
+    (tmp_path / "r.toml").write_text(f"{text}\n[[simulation.hidden]]\n{row}\n")
+    words = [str(tmp_path / "r.toml"), "--seconds", "0.01", "-o", str(tmp_path / "s.mcap")]
+    assert main(["run", *words]) == 2
+    assert says in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
@@ -137,6 +167,12 @@ def test_a_session_that_ends_paused_says_so_by_its_exit_code(tmp_path, capsys):
         ("below_home = 0.015", "below_home = []", "below_home"),
         ("below_home = 0.015", 'below_home = "x"', "below_home"),
         ("below_home = 0.015", "below_home = nan", "below_home"),
+        ("below_home = 0.015", "below_home = 0.015\n[simulation.quadrature]\nlines = 1.5", "lines"),
+        (
+            "below_home = 0.015",
+            'below_home = 0.015\n[simulation.quadrature]\ndirty = ["a"]',
+            "dirty",
+        ),
         ("\nhome = [0.0, 0.4, 0.3]", '\nhome = [0.0, 0.4, "x"]', "home"),
         ("\nhome = [0.0, 0.4, 0.3]", "\nhome = [0.0, [], 0.3]", "home"),
         ("\nhome = [0.0, 0.4, 0.3]", "\nhome = [0.0, 0.4]", "home"),
