@@ -18,7 +18,7 @@ was.  Virtual fixtures (`hil.controllers.fixtures`) can stand beside any of them
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any
 
@@ -31,6 +31,7 @@ from hil.controllers.lawrence_config import AXES, ChannelConfig, schedule
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
+from hil.teleop.sampled_loop import Cable, compliance
 
 # Kernels of the law over a channel with delay: what each side commands, and the energy it counts.
 #
@@ -41,12 +42,17 @@ from hil.signals.settable import SettableRange
 #: Of an axis of an arm, in the state: where it started; the follower's goal; energies into and out
 #: of the channel; sums of what is sent and of what of the other's is used; tank; force; local
 #: stiffness and force at the start of the environment, the three numbers of their covariance, the
-#: direction of the contact; place at the last tick.
+#: direction of the contact; place at the last tick; the other side's force behind the low-pass, and
+#: the share of the force that is let out.
 ORIGIN, GOAL, INTO, OUT, SENT, SENT_POWER, USED, USED_POWER = 0, 1, 2, 3, 4, 5, 6, 7
 TANK, FORCE, STIFFNESS, PUSH, P11, P12, P22, TOUCH, LAST = 8, 9, 10, 11, 12, 13, 14, 15, 16
-FIELDS = 17
+FELT, LET = 17, 18
+FIELDS = 19
 #: Variance of a force sensor's noise [N^2], and speed from which the tip moves [m/s].
 NOISE, MOVES = 2.5e-3, 2e-3
+#: Corner of the low-pass of the force that the leader feels [Hz], time in which a force that was
+#: withheld comes back [s], and how much faster than the leader the goal makes up its drift [m/s].
+FELT_HZ, RISE, CATCH = 60.0, 0.05, 0.2
 #: Stiffness in units of the expected one below which there is no wall, and how a packet says so.
 SOFTEST, NO_WALL = 0.3, 2.0
 #: The state before the axes: started, tick of the start.
@@ -74,18 +80,43 @@ def allowed(room: float, reserve: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
+def let(room: float, reserve: float, s: Any, n: Any, p: Any) -> float:
+    """Share of a force that is let out: it fades at once, and comes back within `RISE`.
+
+    A force F that fades over an energy E acts as a spring of F^2 / E, which at 8 N and 2 mJ is
+    stiffer than any period of a millisecond bears.  One that comes back slowly does not.
+    """
+    n[LET] = min(allowed(room, reserve), s[LET] + p.rise)
+    return float(n[LET])
+
+
+@nb.njit(cache=True, nogil=True)
+def felt(force: float, s: Any, n: Any, p: Any) -> float:
+    """Force of the coupling on the leader: the follower's, behind a low-pass.
+
+    Without it the damper's force goes round through the resonance of a rotor before its cable, at
+    about 200 Hz, and grows there: what the operator puts in is energy enough.
+    """
+    n[FELT] = s[FELT] + p.felt * (-force - s[FELT])
+    return float(n[FELT])
+
+
+@nb.njit(cache=True, nogil=True)
 def observed(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> float:
     """Passivity observer and controller of one side.
 
     Leader    E_out(k) = sum max(f(k-1) (x(k) - x(k-1)), 0) <= E_in,follower(k - delay) + reserve
     Follower  the same for the steps of its goal.  The goal follows the leader's place, not its
-              speed, so that what is withheld is made up for as energy arrives.
+              speed, so that what is withheld is made up for as energy arrives, at most `CATCH`
+              faster than the leader moves.
     """
     if a == 0:
         work = s[FORCE] * (x - s[LAST])
         n[OUT], n[INTO] = s[OUT] + max(work, 0.0), s[INTO] + max(-work, 0.0)
-        return float(-h[F] * allowed(h[ENERGY] + p.reserve - n[OUT], p.reserve))
+        return felt(h[F], s, n, p) * let(h[ENERGY] + p.reserve - n[OUT], p.reserve, s, n, p)
     step, rate = h[X] - s[GOAL], h[V]
+    most = (abs(rate) + CATCH) * p.period
+    step = min(max(step, -most), most)
     f = drive(s[GOAL], rate, x, v, p)
     if f * step > 0.0:
         part = allowed(h[ENERGY] + p.reserve - s[OUT], p.reserve)
@@ -143,8 +174,8 @@ def tanked(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> float:
     """
     tank = s[TANK] + h[SUM] - s[USED] - s[FORCE] * (x - s[LAST])
     n[USED] = h[SUM]
-    f = -h[F] if a == 0 else drive(h[X], h[V], x, v, p)
-    f *= allowed(tank, 0.5 * p.level)
+    f = felt(h[F], s, n, p) if a == 0 else drive(h[X], h[V], x, v, p)
+    f *= let(tank, 0.5 * p.level, s, n, p)
     if a == 0 and tank < p.level:
         f -= p.fill * (p.level - max(tank, 0.0)) * v
     share = max(min(p.share * p.period, 1.0) * tank, 0.0)
@@ -262,7 +293,7 @@ def law(
             x_next[at : at + FIELDS] = x[at : at + FIELDS]
             if x[0] == 0.0:
                 x_next[at + ORIGIN] = w.place[a, i]
-                x_next[at + TANK] = p.level
+                x_next[at + TANK], x_next[at + LET] = p.level, 1.0
             w.place[a, i] -= x_next[at + ORIGIN]
             w.speed[a, i] = 0.0
             for j in range(3):
@@ -439,6 +470,11 @@ def _need(name: str, value: float, fine: bool, wanted: str) -> None:
         raise ConfigError(f"delayed: {name} = {value:g}; {wanted} is needed.")
 
 
+def lowpass(period: float) -> float:
+    """Share of a new value in the low-pass of the force that the leader feels."""
+    return 1.0 - math.exp(-2.0 * math.pi * FELT_HZ * period)
+
+
 def constants(config: DelayedConfig, period: float) -> Any:
     """Record of what does not change, for the kernels."""
     numbers = (
@@ -447,7 +483,14 @@ def constants(config: DelayedConfig, period: float) -> Any:
     ).split()
     kind = np.dtype(
         [(name, _F) for name in numbers]
-        + [("scheme", np.int64), ("scale", _F), ("period", _F), ("lengths", _F, (2,))]
+        + [
+            ("scheme", np.int64),
+            ("scale", _F),
+            ("period", _F),
+            ("lengths", _F, (2,)),
+            ("felt", _F),
+            ("rise", _F),
+        ]
     )
     c = np.zeros(1, kind)[0]
     for name in numbers:
@@ -457,6 +500,7 @@ def constants(config: DelayedConfig, period: float) -> Any:
         c["smooth"] = max(way.jitter for way in ways) + GATHERED
     c["scheme"], c["scale"] = SCHEMES.index(config.scheme), config.force_scale
     c["period"], c["lengths"] = period, config.lengths
+    c["rise"], c["felt"] = period / RISE, lowpass(period)
     return c
 
 
@@ -475,7 +519,7 @@ WORK = np.dtype(
 )
 _NAMES = (
     "origin goal energy_in energy_out sent sent_power used used_power tank force "
-    "environment_stiffness environment_push p11 p12 p22 contact place"
+    "environment_stiffness environment_push p11 p12 p22 contact place felt let"
 ).split()
 
 
@@ -504,6 +548,64 @@ def asked(config: DelayedConfig, period: float) -> dict[str, float]:
         *((f"fixture {f.kind}", f.stiffness, f.damping) for f in config.fixtures),
     ]
     return {what: k * period + 2.0 * b for what, k, b in rows if k or b}
+
+
+#: Both arms of a loop through the channel: a cable between rotor and tip as seen there, tip masses
+#: from a bare follower to a leader with its sensor [kg], and what friction damps for certain
+#: [N s/m].
+CABLE, TIPS, RUB = Cable(3500.0, 0.5, ROTOR), (0.035, 0.13), 0.2
+#: What a hand does not do [Hz].
+FAST_HZ = 40.0
+
+
+def ringing(config: DelayedConfig, period: float) -> float:
+    """Gain round leader, channel and follower above 40 Hz; from 1 on the loop rings at some delay.
+
+    L = scale F P_l C / (1 + C P_f),  C = K + B (1 - 1/z) / T, F the low-pass of the leader's force,
+    P_l and P_f an effort's way to the encoder.  What bounds energy does not stop it: an operator
+    who moves puts in more than it takes.  0 where no force goes round.
+    """
+    if config.scheme not in ("passivity", "tanks"):
+        return 0.0
+    hz = np.geomspace(FAST_HZ, max(0.48 / period, 2.0 * FAST_HZ), 150)
+    back = np.exp(-2j * np.pi * hz * period)
+    drive = config.stiffness + config.damping * (1.0 - back) / period
+    share = lowpass(period)
+    ahead = config.force_scale * np.abs(share / (1.0 - (1.0 - share) * back) * drive)
+    arms = [compliance(m, RUB, CABLE, hz, period) for m in TIPS]
+    return float(max(np.max(ahead * np.abs(p / (1.0 + drive * q))) for p in arms for q in arms))
+
+
+def refuse_ringing(config: DelayedConfig, period: float) -> None:
+    """Refuse a drive whose force rings round the channel, with the nearest one that does not."""
+    gain = ringing(config, period)
+    if gain < 1.0:
+        return
+    said = (
+        f"delayed: stiffness = {config.stiffness:g} N/m and damping = {config.damping:g} N s/m "
+        f"ring between leader and follower: the gain round the loop is {gain:.3g} at the cables' "
+        "resonance, where it must be below 1"
+    )
+
+    def other(name: str, value: float) -> DelayedConfig:
+        stiff = name == "stiffness"
+        return replace(config, stiffness=value) if stiff else replace(config, damping=value)
+
+    for name in ("stiffness", "damping"):
+        low, high = 0.0, float(getattr(config, name))
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            fine = ringing(other(name, middle), period) < 1.0
+            low, high = (middle, high) if fine else (low, middle)
+        if low > 0.0:
+            raise ConfigError(f"{said}; the nearest that may run is {name} = {_below(low):g}")
+    raise ConfigError(f"{said}; lower stiffness and damping, or force_scale")
+
+
+def _below(value: float) -> float:
+    """The value with two digits, rounded down."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / step) * step:.3g}")
 
 
 class Delayed:
@@ -541,6 +643,7 @@ class Delayed:
                     f"period of {1e3 * period:g} ms; below {most:g} N s/m is needed, or a shorter "
                     "period"
                 )
+        refuse_ringing(config, period)
         self.config, self.period = config, period
         # the other schemes feel the coupling, not a sensor
         self.needs_force = (1,) if config.scheme == "model" else ()

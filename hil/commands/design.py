@@ -431,9 +431,11 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
     if args.json:
         told: dict[str, Any] = {"law": DELAYED, "scheme": law.scheme, "parameters": given}
         told |= {"refused": trouble, "borne": delayed.borne(period)}
+        told |= {"ringing": delayed.ringing(law, period)}
         terminal.emit({"schema": "hil.design/1", **told, "asked": delayed.asked(law, period)})
     else:
-        told_text = delayed_text(law, delayed.asked(law, period), delayed.borne(period), trouble)
+        parts = delayed.asked(law, period), delayed.borne(period), delayed.ringing(law, period)
+        told_text = delayed_text(law, *parts, trouble)
         terminal.out("\n  ".join([told_text, *_channels(law, period, 1)]))
     if trouble:
         raise ConfigError(f"{args.output or 'this design'} is refused: {trouble}")
@@ -456,20 +458,27 @@ def _scaled(args: argparse.Namespace, own: Mapping[str, Any]) -> dict[str, Any]:
     return {"force_scale": own["force_scale"]} if "force_scale" in own else {}
 
 
-def delayed_text(law: Any, asked: Mapping[str, float], most: float, trouble: str) -> str:
+def delayed_text(
+    law: Any, asked: Mapping[str, float], most: float, ringing: float, trouble: str
+) -> str:
     """The law over a channel with delay, for a terminal."""
     ways = [
         f"{what} {1e3 * way.delay:g} ms, jitter {1e3 * way.jitter:g} ms, {100 * way.loss:g} % lost"
         for what, way in (("there", law.forward), ("back", law.backward))
     ]
     rows = [[what, f"{value:.3g}"] for what, value in asked.items()]
-    verdict = f"REFUSED: {trouble}" if trouble else "may run: every part is below it"
+    verdict = f"REFUSED: {trouble}" if trouble else "may run: all of it is below"
+    loop = [
+        f"  gain round leader, channel and follower: {ringing:.2g}; it must be below 1, or the",
+        "  force that goes round rings at the resonance of rotors and cables",
+    ]
     return "\n".join(
         [
             f"law {DELAYED}, scheme {law.scheme}; {'; '.join(ways)}",
             "",
             terminal.table(["spring and damper", "K T + 2 B [N s/m]"], rows),
             f"  each must be below {most:.3g} N s/m: more, a rotor before its cable does not bear",
+            *(loop if ringing else ()),
             "",
             "  delay          " + ("\n" + 17 * " ").join(_CHANNEL[law.scheme]),
             f"  what it costs  {SCHEMES[law.scheme]}",

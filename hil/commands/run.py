@@ -334,12 +334,33 @@ def table(summary: runner.Summary) -> str:
         ("state at the end", summary.state + (f": {summary.reason}" if summary.reason else "")),
         ("missed deadlines", str(summary.missed)),
         *_times(summary),
-        ("limited commands", str(summary.limited)),
+        ("limited commands", limited(summary.limited, summary.ticks)),
         ("hottest winding", f"{summary.figures['winding_most']:.0f} degC"),
         *([("not recorded", f"{summary.left_out} rows: record off")] if summary.left_out else []),
         ("rows dropped", f"{summary.dropped} of the ring, at most {_ring(summary)} waited"),
     ]
     return "\n".join(f"{name:<17} {value}" for name, value in rows)
+
+
+#: Share of the ticks from which commands at the motors' limit are no brief bump.
+_OFTEN = 0.005
+
+
+def limited(count: int, ticks: int) -> str:
+    """How many commands the torque limit cut, and what that means where they are many.
+
+    Parameters
+    ----------
+    count, ticks : int
+        Ticks with such a command, and all.
+    """
+    share = count / max(ticks, 1)
+    if share < _OFTEN:
+        return str(count)
+    return (
+        f"{count}, {100 * share:.1f} % of the ticks: the law asks for more than torque_limit, and "
+        "is not the law that was designed there; lower its stiffness, or press less"
+    )
 
 
 def _ring(summary: runner.Summary) -> str:

@@ -65,6 +65,35 @@ def _mechanics(
     return a, np.array([0, 1 / r, 0, 0])
 
 
+def compliance(
+    mass: float, damping: float, cable: Cable, hz: FloatArray, period: float
+) -> ComplexArray:
+    """What the encoder of a free arm moves by a held force at its motor, in sampled time [m/N].
+
+    Parameters
+    ----------
+    mass, damping : float
+        At its tip [kg], of its motor side [N s/m].
+    cable : Cable
+        Between motor and tip.
+    hz : ndarray (n,)
+        Frequencies [Hz].
+    period : float
+        Of the loop [s].
+    """
+    inner, push = _mechanics(mass, damping, cable, FREE)
+    n = push.size
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n] = inner, push
+    step = expm(whole * period)
+    z = np.exp(2j * np.pi * hz * period)[:, None, None]
+    found = np.linalg.solve(
+        z * np.eye(n) - step[:n, :n], np.broadcast_to(step[:n, n:], (len(hz), n, 1))
+    )
+    out: ComplexArray = found[:, 0, 0]
+    return out
+
+
 @dataclass(frozen=True)
 class SampledLoop:
     """One axis as it will run.

@@ -15,6 +15,7 @@ from hil.controllers.delayed import SCHEMES, Delayed, DelayedConfig, WallConfig
 from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError
+from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, load_rig
 from hil.runtime import runner
 from hil.runtime.replay import replay
@@ -332,3 +333,35 @@ def test_waves_meet_a_gel_calmly_however_short_the_channel(delay, tmp_path):
     law = {"scheme": "waves", "forward": way, "backward": way}
     config = teleop.config_of("delayed", law, machine, 400.0)
     assert runner.run(config, 1.5, 1, "lockstep", tmp_path / "s.mcap").state == "ENABLED"
+
+
+@pytest.mark.parametrize(
+    ("scheme", "delay", "seconds"),
+    [("passivity", 0.005, 5.0), ("passivity", 0.025, 7.5), ("tanks", 0.002, 7.0)],
+)
+def test_a_stiff_drive_does_not_shake_in_contact(scheme, delay, seconds, tmp_path):
+    """Three ways to ring: the damper's force round the channel at the cables' resonance; a tank
+    that fades as a spring of 10 kN/m; a goal that makes up millimetres of drift in one tick."""
+    way = {"delay": delay, "jitter": 0.0, "loss": 0.0}
+    law = {"scheme": scheme, "stiffness": 500.0, "forward": way, "backward": way}
+    over = {"simulation": {"gel": {"arm": "follower", "below_home": 0.005, "stiffness": 900.0}}}
+    config = dataclasses.replace(
+        load_rig("lawrence", over),
+        controller=ControllerConfig("delayed", ("leader", "follower"), law),
+    )
+    runner.run(config, seconds, 0, "lockstep", tmp_path / "s.mcap")
+    for arm in ("leader", "follower"):
+        found = load(tmp_path / "s.mcap", arm)
+        assert np.abs(found.tau).max() < 0.75 and np.abs(found.qd).max() < 1.5
+
+
+def test_a_force_that_would_ring_round_the_channel_is_refused_with_what_would_not():
+    config = DelayedConfig("passivity", stiffness=2000.0)
+    with pytest.raises(ConfigError, match=r"ring between leader and follower.*stiffness = ") as e:
+        Delayed(config, "lf", T)
+    nearest = float(str(e.value).rpartition("= ")[2])
+    assert 500.0 < nearest < 2000.0
+    Delayed(dataclasses.replace(config, stiffness=nearest), "lf", T)
+    # no force goes round, and a share of it less so
+    Delayed(dataclasses.replace(config, scheme="model"), "lf", T)
+    Delayed(dataclasses.replace(config, force_scale=0.1), "lf", T)

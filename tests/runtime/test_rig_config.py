@@ -129,6 +129,18 @@ def test_a_session_that_ends_paused_says_so_by_its_exit_code(tmp_path, capsys):
         done.enabled()
 
 
+def test_a_session_says_what_many_limited_commands_mean(tmp_path, capsys):
+    text = (RIGS / "lawrence.toml").read_text()
+    arm = "[arms.leader]\n"
+    for k, (torque, says) in enumerate((("0.01", " % of the ticks: the law asks"), ("0.8", ""))):
+        own = f"{arm}torque_limit = [{torque}, {torque}, {torque}]\n"
+        (tmp_path / "r.toml").write_text(text.replace(arm, own))
+        words = [str(tmp_path / "r.toml"), "--seconds", "0.3", "-o", str(tmp_path / f"{k}.mcap")]
+        assert main(["run", *words]) == 0
+        row = next(x for x in capsys.readouterr().out.splitlines() if x.startswith("limited"))
+        assert says in row and (says or row.split()[-1] == "0")
+
+
 ROW = "[[simulation.hidden]] row 1"
 
 
