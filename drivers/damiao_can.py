@@ -434,6 +434,8 @@ def open_box(
 
 
 BUS = "can"
+#: What the address of a box is, for messages.
+ADDRESS = "the CAN channel, e.g. can0"
 Config = DamiaoBusConfig
 
 __all__ = ["BUS", "Config", "DamiaoBus", "DamiaoBusConfig", "open_box"]

@@ -173,4 +173,6 @@ def open_box(
 
 #: What the registry looks for.
 BUS = "can"
+#: What the address of a box is, for messages.
+ADDRESS = "CHANNEL/BASE as its switches are set, e.g. can0/0x20"
 Config = NetFtCanConfig

@@ -221,4 +221,6 @@ def open_box(
 
 #: What the registry looks for.
 BUS = "udp"
+#: What the address of a box is, for messages.
+ADDRESS = "HOST or HOST:PORT as its page is reached"
 Config = NetFtRdtConfig

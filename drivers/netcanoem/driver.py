@@ -377,4 +377,6 @@ def open_box(
 
 
 BUS = "can"
+#: What the address of a box is, for messages.
+ADDRESS = "CHANNEL/BASE as the board is set, e.g. can0/0x21"
 Config = NetCanOemConfig

@@ -59,9 +59,30 @@ def places(config: RigConfig, name: str) -> dict[str, list[BoxPlace]]:
                 )
             sign, box, channel = match.groups()
             if box not in config.boxes:
-                raise ConfigError(f"[devices.{name}.channels]: {unknown('box', box, config.boxes)}")
+                raise ConfigError(
+                    f"[devices.{name}.channels]: {unknown('box', box, config.boxes)} "
+                    f"{_add(box, role)}"
+                )
             found.setdefault(role, []).append(BoxPlace(box, int(channel), -1 if sign else 1))
     return found
+
+
+#: Role -> a driver of boxes that have it.
+_DRIVERS = {
+    "drives": "damiao-can",
+    "encoders": "usb-quad08",
+    "motors": "usb-31xx",
+    "gauges": "netcanoem",
+}
+
+
+def _add(box: str, role: str) -> str:
+    """What to add to a rig file that has not a box of a role."""
+    drivers = ", ".join(sorted(registry.names("hil.boxes")))
+    return (
+        f'Add a table [boxes.{box}] with driver = "{_DRIVERS.get(role, "NAME")}" (there are '
+        f"{drivers}) and, where several are attached, its address."
+    )
 
 
 def only_gauges(name: str, spots: Mapping[str, list[BoxPlace]]) -> BoxPlace:
@@ -264,10 +285,20 @@ def told_apart(config: RigConfig, used: Iterable[str]) -> None:
         same = [n for n, t in rows if t.driver == table.driver]
         other = seen.setdefault((table.driver, table.address), name)
         if other != name or (not table.address and len(same) > 1):
+            both = f" and the address {table.address!r}" if other != name and table.address else ""
             raise ConfigError(
-                f"[boxes.{name}]: {', '.join(same)} have one driver; give each an address of its "
-                "own, the serial number that 'hil devices' shows."
+                f"[boxes.{name}]: {', '.join(same)} have one driver{both}; give each an address of "
+                f"its own, {_address_of(table.driver)}."
             )
+
+
+def _address_of(driver: str) -> str:
+    """What the address of a box is, as its driver says."""
+    try:
+        module = registry.load("hil.boxes", driver)
+    except ConfigError:  # of a library that is not there
+        module = None
+    return str(getattr(module, "ADDRESS", "the serial number that 'hil devices' shows"))
 
 
 def check_bus(name: str, table: BoxConfig, backend: str, kind: str) -> None:

@@ -283,6 +283,10 @@ def test_a_phantom_without_force_sensors_runs(tmp_path):
         ({"boxes": {"spare": {"driver": "usb-quad"}}}, "[boxes.spare]: unknown box 'usb-quad'"),
         ({"boxes": {"encoders": {"options": {"bits": 24}}}}, "[boxes.encoders.options]: "),
         (
+            {"devices": {"leader-force": {"channels": {"gauges": ["ft/0"]}}}},
+            'Add a table [boxes.ft] with driver = "netcanoem" (there are damiao-can, ',
+        ),
+        (
             {"boxes": {"leader-motor1": {"options": {"heartbeat_ms": 1000.0}}}},
             "[boxes.leader-motor1.options]: heartbeat_ms = 1000: 2 to 50",
         ),
@@ -310,3 +314,13 @@ def test_a_phantom_without_force_sensors_runs(tmp_path):
 def test_devices_and_boxes_are_checked_on_every_back_end(backend, over, says):
     with pytest.raises(ConfigError, match=re.escape(says)):
         opened({"backend": backend, **over})
+
+
+def test_boxes_of_one_address_are_told_what_an_address_is():
+    same = {"boxes": {"leader-ft": {"address": "can0/0x21"}}}
+    said = r"leader-ft, follower-ft have one driver and the address 'can0/0x21'; .* CHANNEL/BASE as"
+    with pytest.raises(ConfigError, match=said):
+        open_rig(load_rig("teleop", {"backend": "sim-wire", **same}), 0)
+    same = {"boxes": {"leader-motor1": {"address": "leader-2"}}}
+    with pytest.raises(ConfigError, match="the serial number that 'hil devices' shows"):
+        open_rig(load_rig("teleop", {"backend": "sim-wire", **same}), 0)
