@@ -288,13 +288,22 @@ def carrying(result: FitResult, problem: Problem) -> list[Motion]:
 
 
 def carried_by(
-    problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
+    problem: Problem,
+    terms: list[Term],
+    theta: FloatArray,
+    slices: list[slice],
+    anew: bool = True,
 ) -> list[Motion]:
-    """Motions of a problem with the load of some terms' masses; the problem stays as it is."""
+    """Motions of a problem with the load of some terms' masses; the problem stays as it is.
+
+    `anew`: with their inertia and friction, too, and not those that the problem has.
+    """
     fitted = terms, theta, slices
     parts = zip(problem.motions, *_loads(problem, *fitted), strict=True)
-    motions = _responding([m.with_(load=x, static=z) for m, x, z in parts], *fitted)
-    return [_sliding(m, *fitted) for m in motions]
+    motions = [m.with_(load=x, static=z) for m, x, z in parts]
+    if not anew:
+        return motions
+    return [_sliding(m, *fitted) for m in _responding(motions, *fitted)]
 
 
 def renew(result: FitResult) -> None:

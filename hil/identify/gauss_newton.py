@@ -275,14 +275,14 @@ def _acting(
 #: Share by which what a fit leaves grows where the load is that of its own masses, from which on it
 #: is fitted as such.  Half: more fits take the time for it; double: more of what is printed is
 #: another error than that of the written model.
-APART = 0.02
+APART = 0.05
 #: Directions of the masses in which a load changes, the largest ones, least share of the largest
 #: one that counts, and the step of their difference.
 DIRECTIONS, LEAST_DIRECTION, LOAD_STEP = 4, 1e-2, 1e-4
 #: Least singular value, of columns of length one, in whose direction a step goes.
 DETERMINED = 1e-3
 #: Most steps, and the share by which the squares must fall for another one.
-CARRIED_STEPS, CARRIED_GAIN = 12, 1e-3
+CARRIED_STEPS, CARRIED_GAIN = 10, 1e-2
 
 
 def carried(
@@ -315,13 +315,15 @@ def carried(
         problem.motions = motions
         set_context(problem, terms)
         return None
-    part = 1.0
     for _ in range(CARRIED_STEPS):
-        new = state.stepped(part)
-        if new.squares >= state.squares:
+        step, part = state.step(), 1.0
+        new = state.moved(step, part)
+        while new.squares >= state.squares and part > 0.1:
             part /= 4
-            continue
-        fall, state, part = 1 - new.squares / state.squares, new, min(2 * part, 1.0)
+            new = state.moved(step, part)
+        if new.squares >= state.squares:
+            break
+        fall, state = 1 - new.squares / state.squares, new
         if fall < CARRIED_GAIN:
             break
     update_load(problem, state.terms, state.theta, slices)
@@ -360,18 +362,19 @@ class _Carried:
         self.residual = left.reshape(problem.d, problem.n)
         self.squares = _weighted(self.residual, sigma)
 
-    def stepped(self, part: float) -> _Carried:
-        """The state after a part of one Gauss-Newton step, within the bounds of all values."""
+    def step(self) -> tuple[FloatArray, dict[ShapeAt, tuple[float, float]]]:
+        """Gauss-Newton step of the coefficients and of some shape values, and the ranges of these.
+
+        The problem has the load of this state.
+        """
         problem, terms = self.problem, self.terms
-        update_load(problem, terms, self.theta, list(self.slices))
-        set_context(problem, terms)
         ranges = _ranges(problem, terms)
         shapes = [
             derivative(problem, terms, self.theta, self.slices, *at).reshape(-1) for at in ranges
         ]
         held = [np.full(s.stop - s.start, t.fixed) for t, s in zip(terms, self.slices, strict=True)]
-        free = ~np.concatenate(held)
-        x = (self.x + through_load(problem, terms, self.theta, self.slices)) * free
+        x = self.x + through_load(problem, terms, self.theta, self.slices)
+        x = x * ~np.concatenate(held)
         rows = np.concatenate([x, np.stack(shapes, axis=1)], axis=1) if shapes else x
         w = np.repeat(1.0 / self.sigma, problem.n)
         rows = rows * w[:, None]
@@ -379,12 +382,18 @@ class _Carried:
         norm = np.where(norm > 0.0, norm, 1.0)
         # what the data hardly determine stays where the description, or another prior, has it
         right = self.residual.reshape(-1) * w
-        steps = part * least_squares(rows / norm, right, DETERMINED) / norm
-        low, high = limits(terms, problem)
-        theta, out = np.clip(self.theta + steps[: free.size], low, high), list(terms)
-        for ((k, i), ends), step in zip(ranges.items(), steps[free.size :], strict=True):
+        return least_squares(rows / norm, right, DETERMINED) / norm, ranges
+
+    def moved(
+        self, step: tuple[FloatArray, dict[ShapeAt, tuple[float, float]]], part: float
+    ) -> _Carried:
+        """The state after a part of a step, within the bounds of all values."""
+        problem, size = self.problem, self.theta.size
+        low, high = limits(self.terms, problem)
+        theta, out = np.clip(self.theta + part * step[0][:size], low, high), list(self.terms)
+        for ((k, i), ends), change in zip(step[1].items(), part * step[0][size:], strict=True):
             shape = out[k].shape
-            new = float(np.clip(shape[i] + step, *ends))
+            new = float(np.clip(shape[i] + change, *ends))
             out[k] = out[k].reshaped((*shape[:i], new, *shape[i + 1 :]))
         return _Carried(problem, out, theta, self.slices, self.sigma)
 
@@ -395,6 +404,8 @@ def through_load(
     """Derivative D (d n, p) of what the laws pass on by the coefficients, through the load alone.
 
     In the few directions of the masses in which the load changes most; zero without such a law.
+    Of several joints the inertia that a link feels stays what it is: a step that was too long for
+    that is shortened.
     """
     passing = [(t, s) for t, s in zip(terms, slices, strict=True) if _passes(t)]
     size = theta.size
@@ -404,17 +415,20 @@ def through_load(
     out = np.zeros((problem.d * problem.n, size))
     if not passing or not some.any():
         return out
-    own, _ = stack(problem, [t for t, s in zip(terms, slices, strict=True) if some[s].any()])
+    every, _ = stack(problem, [t for t, s in zip(terms, slices, strict=True) if some[s].any()])
+    joints = sorted({t.joint for t, _ in passing})
+    own = every.reshape(problem.d, problem.n, -1)[joints].reshape(len(joints) * problem.n, -1)
     norm = np.linalg.norm(own, axis=0)
     norm = np.where(norm > 0, norm, 1.0)
     _, size_of, along = np.linalg.svd(own / norm, full_matrices=False)
     count = int(np.sum(size_of[:DIRECTIONS] > LEAST_DIRECTION * size_of[0]))
     step = LOAD_STEP * max(float(np.linalg.norm(theta[some] * norm)), 1e-300)
+    rest = _passed(problem, terms, theta, slices, passing)
     for way in along[:count]:
         moved = np.zeros(size)
         moved[some] = step * way / norm
-        up, down = (_passed(problem, terms, theta + x, slices, passing) for x in (moved, -moved))
-        out[:, some] += np.outer((up - down).reshape(-1) / (2 * step), way * norm)
+        change = _passed(problem, terms, theta + moved, slices, passing) - rest
+        out[:, some] += np.outer(change.reshape(-1) / step, way * norm)
     return out
 
 
@@ -426,7 +440,7 @@ def _passed(
     passing: Sequence[tuple[Term, slice]],
 ) -> FloatArray:
     """Filtered effort (d, n) of some laws, at their own values, beside the load of others."""
-    motions = carried_by(problem, list(terms), theta, list(slices))
+    motions = carried_by(problem, list(terms), theta, list(slices), anew=problem.d == 1)
     out = np.zeros((problem.d, problem.n))
     for t, where in passing:
         out += _acting(problem, motions, t, theta[where])
