@@ -12,6 +12,7 @@ as no arm leaves a cubic within four samples, while a wrong instant throws it of
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -490,7 +491,25 @@ class _Left:
         return float(out / len(self.bases))
 
 
-def on_one_clock(parts: list[Even], timing: Timing) -> tuple[list[Even], Timing]:
+#: What was found of a run that is in memory, by its identity: a reference to it, and by its grid.
+_FOUND: dict[int, tuple[weakref.ref[Recording], dict[tuple[int, float], FloatArray | None]]] = {}
+
+
+def _way(run: Recording, parts: list[Even], timing: Timing) -> FloatArray | None:
+    """Lateness and drift of a run, sought once for each grid that it is put on."""
+    key = id(run)
+    known = _FOUND.get(key)
+    if known is None or known[0]() is not run:
+        known = (weakref.ref(run, lambda _: _FOUND.pop(key, None)), {})
+        _FOUND[key] = known
+    grid = (len(parts), timing.period)
+    if grid not in known[1]:
+        told = _told(parts)
+        known[1][grid] = _drift(told) if told is not None else None
+    return known[1][grid]
+
+
+def on_one_clock(run: Recording, parts: list[Even], timing: Timing) -> tuple[list[Even], Timing]:
     """Parts of a run with the efforts on the clock of the positions, where the two differ.
 
     Efforts r that are late by s + c t acted as tau(t) = r(t + s + c t).  The two numbers are sought
@@ -498,11 +517,11 @@ def on_one_clock(parts: list[Even], timing: Timing) -> tuple[list[Even], Timing]
     acceleration, speed, direction and posture.  A first stretch leaves some pairs, each next one
     fewer.  What lies beyond the recorded efforts is cut off.
     """
-    told = _told(parts)
-    way = _drift(told) if told is not None else None
+    way = _way(run, parts, timing)
     if way is None:
         return parts, timing
-    way = _refined_way(way, [x for x in (told, _told(parts, rates=False)) if x is not None])
+    each = (_told(parts), _told(parts, rates=False))
+    way = _refined_way(way, [x for x in each if x is not None])
     out = []
     for part in parts:
         r = part.recording

@@ -207,7 +207,7 @@ def on_grid(r: Recording, band: Band, moving: bool = True) -> tuple[list[Even], 
     parts, timing = even(r, band.rate_hz, band.gap_s)
     stated = any(SIGNAL + key in r.metadata for key in ("shift_s", "clock_ppm"))
     stated = stated or abs(band.clock_ppm) * 1e-6 * float(np.ptp(r.t)) > GROWS_S / 2
-    return (parts, timing) if stated or not moving else on_one_clock(parts, timing)
+    return (parts, timing) if stated or not moving else on_one_clock(r, parts, timing)
 
 
 def signal(band: Band, recording: Recording) -> Band:
