@@ -197,6 +197,23 @@ GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None, "b
 BOLT_KEYS: dict[str, Any] = {"place": 0.01, "depth": 0.008, "radius": 0.003, "thickness": 0.02}
 #: Of a number, in SI units.
 LARGEST = 1e12
+#: Table -> key -> least and largest value, and its unit: what a hand does, what the steps of the
+#: physics bear, and a tip at the end of an arm of 0.4 m.
+RANGES: dict[str, dict[str, tuple[float, float, str]]] = {
+    "simulation": {"hidden_seed": (0, LARGEST, ""), "truth_seed": (0, LARGEST, "")},
+    "simulation.operator": {
+        "size": (-0.5, 0.5, "m"),
+        "frequency": (0.01, 20.0, "Hz"),
+        "tremor": (0.0, 0.01, "m"),
+        "onset": (0.01, 60.0, "s"),
+        "force": (0.0, 20.0, "N"),
+        "stiffness": (0.0, 1e5, "N/m"),
+    },
+    "simulation.tissue": {"stiffness": (0.0, 1e6, "N/m^p")},
+    "simulation.incision": {"stiffness": (0.0, 1e6, "N/m")},
+    "simulation.gel": {"below_home": (-1.0, 1.0, "m"), "stiffness": (0.0, 1e5, "N/m^1.3")},
+    "simulation.gel.bolt": dict.fromkeys(BOLT_KEYS, (-1.0, 1.0, "m")),
+}
 KINDS = {"none": 0, "hand": 1, "mechanical": 2, "stroking": 3}
 
 
@@ -213,14 +230,18 @@ class Plan:
 def with_defaults(where: str, given: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
     """Table with its defaults; an unknown key is an error that names the nearest.
 
-    A value is of the type of its default; numbers are finite.
+    A value is of the type of its default; numbers are finite, and within `RANGES`.
     """
-    head = where if where.startswith("[") else f"[{where}]"
+    head, ranges = where if where.startswith("[") else f"[{where}]", RANGES.get(where, {})
     for key, value in given.items():
         if key not in known:
             raise ConfigError(f"{head}: {unknown('key', key, known)}")
         if not same_type(value, known[key]):
             raise ConfigError(f"{head} {key} = {value!r}: something like {known[key]!r} is needed")
+        if value is not None and key in ranges:
+            low, high, unit = ranges[key]
+            if np.min(value) < low or np.max(value) > high:
+                raise ConfigError(f"{head} {key} = {value}: {low:g} to {high:g} {unit} is needed")
     return known | given
 
 

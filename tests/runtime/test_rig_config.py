@@ -179,6 +179,18 @@ def test_a_row_of_hidden_effects_that_is_none(tmp_path, capsys, rig, row, says):
         ("below_home = 0.015", "below_home = []", "below_home"),
         ("below_home = 0.015", 'below_home = "x"', "below_home"),
         ("below_home = 0.015", "below_home = nan", "below_home"),
+        ("below_home = 0.015", "below_home = 15", "below_home = 15: -1 to 1 m is needed"),
+        ("below_home = 0.015", "stiffness = -300.0", "stiffness = -300.0: 0 to 100000 N/m^1.3"),
+        ("below_home = 0.015", "stiffness = 1e9", "0 to 100000 N/m^1.3 is needed"),
+        ('kind = "hand"', 'kind = "hand"\nfrequency = -2.0', "0.01 to 20 Hz is needed"),
+        ('kind = "hand"', 'kind = "hand"\nfrequency = 0', "0.01 to 20 Hz is needed"),
+        ('kind = "hand"', 'kind = "hand"\nsize = [9.0, 0, 0]', "-0.5 to 0.5 m is needed"),
+        ("\nhome = [0.0, 0.4, 0.3]", "\nhidden_seed = -1", "hidden_seed = -1: 0 to"),
+        (
+            "[arms.leader]",
+            "[arms.leader]\ntorque_limit = [200.0, 200.0, 200.0]",
+            "beyond what its motors give, [1.72, 1.44, 1.44]",
+        ),
         ("below_home = 0.015", "below_home = 0.015\n[simulation.quadrature]\nlines = 1.5", "lines"),
         (
             "below_home = 0.015",
