@@ -63,3 +63,14 @@ class Ring:
             stamps, data = self._stamps[index], self._data[index]
         self._tail = head
         return stamps, data
+
+    def before(self, tick: int, n: int) -> NDArray[np.float64]:
+        """Rows of the n ticks before `tick` that are still there, oldest first: (up to n, width).
+
+        For looking back at why the loop let go, when nothing is written any more.
+        """
+        first = max(self._head - self._rows, 0)
+        index = np.arange(first, self._head) % self._rows
+        ticks = self._stamps[index, 0]
+        found: NDArray[np.float64] = self._data[index[(ticks < tick) & (ticks >= tick - n)]]
+        return found

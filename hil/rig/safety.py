@@ -99,6 +99,28 @@ def sentence(mask: int) -> str:
     return "; ".join(c.text for c in named(mask)) or "nothing is wrong"
 
 
+#: Ticks before a fault that are looked back at.
+LOOKED_BACK = 12
+
+
+def alternates(efforts: FloatArray) -> FloatArray:
+    """Whether efforts went up and down in turn, every tick, and not less and less so, (d,) of bool.
+
+    Parameters
+    ----------
+    efforts : ndarray (n, d)
+        Of the ticks before a fault.
+    """
+    steps = np.diff(efforts, axis=0)
+    if len(steps) < LOOKED_BACK // 2:
+        return np.zeros(efforts.shape[1], np.bool_)
+    size, half = np.abs(steps), len(steps) // 2
+    turns = np.mean(steps[1:] * steps[:-1] < 0.0, axis=0) > 0.85
+    grows = size[-half:].mean(axis=0) >= size[:half].mean(axis=0)
+    out: FloatArray = turns & grows & (size[-half:].max(axis=0) > 1e-2)
+    return out
+
+
 def beyond(mask: int, joints: Sequence[str], q: Any, qd: Any, lim: Any) -> list[str]:
     """Which joints are what a mask says, with values and limits; empty where it is of no joint.
 

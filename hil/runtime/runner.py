@@ -22,7 +22,7 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
-from hil.rig.safety import beyond, lamps, sentence
+from hil.rig.safety import BITS, LOOKED_BACK, alternates, beyond, lamps, sentence
 from hil.runtime import commands, session
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded
@@ -36,6 +36,8 @@ from hil.runtime.watchdog import WATCHDOG, in_words
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
 AFTERMATH = 20
+#: Faults that a law may make by itself, shaking an arm.
+_SHAKES = BITS["encoder-jump"] | BITS["overspeed"]
 
 
 class Session:
@@ -274,7 +276,28 @@ class Session:
                 "see to its gains (a rotor's inertia guessed too small in armature leaves a joint "
                 "undamped), or take computed-torque"
             )
-        return said
+        return said + self._shaken()
+
+    def _shaken(self) -> str:
+        """What is likely where a law shook an arm from tick to tick before a fault."""
+        loop, arms = self.loop, self.config.controller.arms
+        if not loop.reason & _SHAKES or not loop.unsafe:
+            return ""
+        rows = self.ring.before(loop.since, LOOKED_BACK)
+        found = []
+        for i, arm in enumerate(arms):
+            turns = alternates(rows[:, self.layout.part("jf", i)])
+            names = self.config.arms[arm].joints
+            found += [f"{arm} {n}" for n, x in zip(names, turns, strict=True) if x]
+        if not found:
+            return ""
+        rate = self.config.loop.rate_hz
+        return (
+            f"; before, the law's own efforts ({', '.join(found)}) went up and down in turn from "
+            f"tick to tick and grew, an oscillation at half of rate_hz = {rate:g}: more likely "
+            "than a broken encoder is that the rate is too low for the gains of the law; raise "
+            "rate_hz, or lower its stiffness and damping"
+        )
 
     def _finish(self, name: str, told: dict[str, object]) -> None:
         """Close the file with what the session was; it may be that it takes nothing more."""

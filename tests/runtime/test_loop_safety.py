@@ -14,16 +14,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.errors import DeviceError
 from hil.record.recording import RobotSource
 from hil.record.ring import Ring
 from hil.rig import safety
 from hil.rig.check import limits_of_arm
 from hil.rig.config import ArmConfig, SafetyConfig, load_rig
 from hil.rig.open import ArmPort
-from hil.rig.safety import BITS, FAULTING, PAUSING, TABLE, beyond, limits, named, sentence
+from hil.rig.safety import (
+    BITS,
+    FAULTING,
+    LOOKED_BACK,
+    PAUSING,
+    TABLE,
+    alternates,
+    beyond,
+    limits,
+    named,
+    sentence,
+)
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
+from hil.runtime.runner import run
 from hil.signals.device import Status
 from hil.signals.frame import FrameLayout
 from hil.signals.state import OperatingState as State
@@ -543,3 +556,18 @@ def test_statistics_count_what_happened():
     assert f.late_p50 == pytest.approx(2.0, rel=0.13) and f.late_most == 5000.0
     assert f.longest_gap == pytest.approx(5000.0 + 5000.0 - 2.0)
     assert sum(n for _, n in s.late.filled()) == 1000
+
+
+@pytest.mark.parametrize("rate", [333, 350])
+def test_a_law_that_shakes_an_arm_from_tick_to_tick_is_named_before_its_encoder(rate, tmp_path):
+    config = load_rig("teleop", {"loop": {"rate_hz": rate}})
+    said = f"(?s)moved as no joint can.*follower joint2.*half of rate_hz = {rate}.*raise rate_hz"
+    with pytest.raises(DeviceError, match=said):
+        run(config, 3.0, 0, "lockstep", tmp_path / "s.mcap")
+
+
+def test_efforts_that_calm_down_or_wander_do_not_shake():
+    k = np.arange(LOOKED_BACK)
+    turning = 0.1 * (-1.0) ** k
+    rows = np.column_stack([turning * 1.2**k, turning * 0.7**k, 0.1 * np.sin(0.5 * k), 0 * k])
+    assert alternates(rows).tolist() == [True, False, False, False]
