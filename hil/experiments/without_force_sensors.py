@@ -244,8 +244,10 @@ def _page_read(found: Means) -> list[str]:
         f"at {names[-1]}.",
         f"The estimated master force is wrong by {low[4].mean:.0f} % of its rms at {names[0]} and "
         f"by {high[4].mean:.0f} % at {names[-1]}; h11, what is felt in free space, differs most.",
-        "Why: the law without sensors takes the force from the arm's model. What the model lacks, "
-        "and what the filters delay, is in the force; both grow with frequency.",
+        "Why: the law without sensors takes the force from the arm's model. What the compensation "
+        "leaves of friction, or takes too much, counts as force: h11 is small where the motion is "
+        "slow, so it is a large part of it there. The filter of the acceleration delays the "
+        "inertia's share of the force, by more the quicker the motion is.",
     ]
 
 
