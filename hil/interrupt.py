@@ -148,6 +148,7 @@ class Interrupts:
                 stream.flush()
         with contextlib.suppress(OSError):
             os.write(2, line.encode("utf-8", "replace"))
+        _give_back_semaphores()
         os._exit(code)
 
     def end(self) -> None:
@@ -172,6 +173,17 @@ class Interrupts:
         again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()
+
+
+def _give_back_semaphores() -> None:
+    """Semaphores of pools of processes: what is not given back is told of as leaked."""
+    util, locks = (sys.modules.get(f"multiprocessing.{n}") for n in ("util", "synchronize"))
+    known: dict[Any, Any] = getattr(util, "_finalizer_registry", {})
+    cleanup = getattr(getattr(locks, "SemLock", None), "_cleanup", None)
+    for last in list(known.values()):
+        if cleanup is not None and getattr(last, "_callback", None) is cleanup:
+            with contextlib.suppress(Exception):
+                last()
 
 
 interrupts = Interrupts()

@@ -42,7 +42,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common.list_names(parser, EXPERIMENTS)
     parser.add_argument("--seed", type=int, default=1, help="first seed (default 1)")
     parser.add_argument(
-        "--seeds", type=int, default=0, help="so many seeds; means with their 95 %% intervals"
+        "--seeds",
+        type=int,
+        default=None,
+        help="so many seeds; means with their 95 %% intervals (default: one run, without)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="two seeds, and less of each; the answer says what"
@@ -62,8 +65,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run one study and print its table."""
     where(args)
-    if args.seeds < 0:
-        raise ConfigError(f"--seeds {args.seeds}: one or more is needed")
+    if args.seeds is not None and args.seeds < 1:
+        raise ConfigError(
+            f"--seeds {args.seeds}: one or more is needed; leave it out for one run with --seed"
+        )
+    args.seeds = args.seeds or 0
     if args.all == bool(args.name):
         raise ConfigError(
             "give the name of one study, or --all; 'hil experiment --help' tells them"

@@ -70,6 +70,20 @@ def test_when_all_is_said_the_process_ends_with_its_own_code(tmp_path):
     assert (done.returncode, done.stderr) == (0, "") and "stribeck" in done.stdout
 
 
+def test_semaphores_of_pools_are_given_back_where_it_leaves_at_once(tmp_path):
+    script = """
+import multiprocessing, os, signal, time
+from hil.interrupt import interrupts
+interrupts.arm()
+lock = multiprocessing.get_context("spawn").Lock()
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(10)
+"""
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (130, "hil: interrupted\n")
+
+
 def test_during_an_import_of_a_command_that_runs(tmp_path):
     script = "WHEN = 'pinocchio'\n" + IMPORTING
     (tmp_path / "one.urdf").write_text(
