@@ -206,7 +206,10 @@ def guarded(
     DeviceError
         If the process does not start or answer, or a cut is latched.
     """
-    words = proven(config)
+    try:
+        words = proven(config)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from error.__cause__
     if not words:
         yield None
         return

@@ -185,6 +185,7 @@ def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
     ("words", "said"),
     [
         (["fsf", "--seeds", "-1"], "--seeds -1"),
+        (["fsf", "--seeds", "0"], "--seeds 0: one or more is needed"),
         (["hidden-effect", "--seeds", "3"], "--seeds, --cluster and --keep are for"),
         (["fsf", "--keep", "x"], "give --seeds 10"),
         (["fsf", "--seeds", "2", "--cluster", "tcp://127.0.0.1:9"], "does not answer"),

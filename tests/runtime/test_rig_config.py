@@ -180,6 +180,11 @@ def test_a_row_of_hidden_effects_that_is_none(tmp_path, capsys, rig, row, says):
         ("below_home = 0.015", 'below_home = "x"', "below_home"),
         ("below_home = 0.015", "below_home = nan", "below_home"),
         ("below_home = 0.015", "below_home = 15", "below_home = 15: -1 to 1 m is needed"),
+        (
+            "below_home = 0.015",
+            "below_home = 0.015\n[safety]\nwatchdog = 0.5",
+            "r.toml: [safety]: watchdog = 0.5 has no program to run",
+        ),
         ("below_home = 0.015", "stiffness = -300.0", "stiffness = -300.0: 0 to 100000 N/m^1.3"),
         ("below_home = 0.015", "stiffness = 1e9", "0 to 100000 N/m^1.3 is needed"),
         ('kind = "hand"', 'kind = "hand"\nfrequency = -2.0', "0.01 to 20 Hz is needed"),
