@@ -446,6 +446,19 @@ def coulomb_axes(
     return Recording(f"axis{seed}", "arm", tuple(f"joint{k + 1}" for k in range(d)), t, q, tau)
 
 
+def leaking_axis(seed: int, stiffness: float, seconds: float = 50.0) -> Recording:
+    """An axis on a spring with dry friction, and beside it a spring that yields within 0.6 s."""
+    dt, rng = 1e-3, np.random.default_rng(seed)
+    t = np.arange(0, seconds, dt)
+    w = 2 * np.pi * np.geomspace(0.06, 2.0, 8)
+    q, v, a = sines(t, w, 0.05 / np.sqrt(np.arange(1, 9)) / 2, rng.uniform(0, 6.3, 8))
+    slow = scipy.signal.lfilter([dt / 0.6], [1.0, dt / 0.6 - 1.0], q - q[0]) + q[0]
+    tau = 6.5 * a + 15 * np.tanh(v / 0.002) + 45 * v + 300 * q + stiffness * (q - slow)
+    pick = slice(None, None, 5)
+    tau = tau[pick] + 0.5 * rng.normal(size=t[pick].size)
+    return single("leaks", t[pick], np.round(q[pick], 5), tau, robot=SINGLE)
+
+
 def touching_axis(seed: int = 0, hysteresis: float = 0.0) -> Recording:
     """A lever that presses a damped spring of 200 N m/rad from 0.05 rad on."""
     run = coulomb_axes(seed)

@@ -121,6 +121,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     lines += ["", _joints_table(d, rungs)]
     said = list(dict.fromkeys(w for code, w in d.warnings if code in LEADING))
     said += _worse(rising(rungs))
+    said += [f"{where(f)} has no name: {f.reason}" for f in d.partial if d.findings]
     said += _left(d)[1:]
     if d.corrections:
         count = plural(len(d.corrections), "correction")

@@ -370,6 +370,21 @@ def effort(result: FitResult, key: tuple[str, int]) -> float:
     return float(np.linalg.norm(rows))
 
 
+def beyond(result: FitResult, key: tuple[str, int], instead: FloatArray) -> tuple[float, float]:
+    """Size of a term's effort that some columns cannot take over, and its standard error."""
+    where = result.slices[next(k for k, t in enumerate(result.terms) if t.key == key)]
+    scale = np.repeat(result.sigma, result.problem.n)[:, None]
+    x, q = result.x[:, where] / scale, np.linalg.qr(instead / scale)[0]
+    x = x - q @ (q.T @ x)
+    blocks = np.tile(time_blocks(result.problem), result.problem.d)
+    weighted = (result.residual / result.sigma[:, None]).reshape(-1)
+    own = cluster_covariance(weighted, result.basis, blocks)[where, where]
+    return (
+        float(np.linalg.norm(x @ result.theta[where])),
+        float(np.sqrt(max(float(np.sum((x @ own) * x)), 0.0))),
+    )
+
+
 # ------------------------------------------------------------ values that can be physics
 
 

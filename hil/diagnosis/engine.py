@@ -35,7 +35,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, within_errors
-from hil.diagnosis.naming import Named, exchange, separated, shares
+from hil.diagnosis.naming import Named, emptied, exchange, separated, shares
 from hil.diagnosis.preconditions import doubts, touched, undetermined
 from hil.diagnosis.remodel import Visited
 from hil.diagnosis.search import Search
@@ -49,6 +49,7 @@ from hil.diagnosis.types import (
     HeldOut,
     Step,
     UnnamedCorrection,
+    describe,
     joint_of,
 )
 from hil.diagnosis.verdict import (
@@ -236,7 +237,7 @@ def _concluded(
         search.forward()
         named = _named(search)
         return _concluded(search, named, model, recordings, faults, doubtful, again=False)
-    return separate(out, search, named)
+    return separate(withdrawn(out, search, named), search, named)
 
 
 def _unnamed(out: Diagnosis, search: Search) -> Diagnosis:
@@ -306,6 +307,41 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
             if not (code == REFUSED and w.split(":")[0] in said)
         ]
     renew(search.now.result)
+    return out
+
+
+#: Why a name does not stand that came to nothing.
+EMPTIED = "nothing is left of it beside the correction that the rest needs"
+
+
+def withdrawn(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
+    """The diagnosis without names of which the corrections leave nothing in its last model.
+
+    A law that stood for what is in no catalogue is nothing beside a function that follows it.
+    """
+    of = {(n.candidate.name, joint_of(n.candidate, search.problem)): n.candidate for n in named}
+    gone: list[Finding] = []
+    for f in out.findings if out.corrected else []:
+        c = of[f.effect, f.joint]
+        rung = emptied(search, c, search.rungs[-1 - out.corrected])
+        if rung is None:
+            continue
+        rung.added = search.now.added
+        search.rungs[-1], out.ladder[-1] = rung, rung.step
+        search.found.remove(c)
+        search.forget()
+        gone.append(f)
+        label = describe(c, search.problem)
+        out.ladder = [
+            replace(s, label=f"+ {label} (not named)") if s.label == f"+ {label}" else s
+            for s in out.ladder
+        ]
+    if gone:
+        out.findings = [f for f in out.findings if f not in gone]
+        out.partial += [replace(f, confidence=0.0, rivals=[], reason=EMPTIED) for f in gone]
+        out.verdict = _verdict(out.findings, out.partial, True)
+        with_errors(out)
+        renew(search.now.result)
     return out
 
 

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis import artefacts, rules
-from hil.diagnosis.attribution import as_use, choose, kindred, overlap, physical, twins
+from hil.diagnosis.attribution import (
+    as_use,
+    beyond,
+    choose,
+    kindred,
+    overlap,
+    physical,
+    twins,
+)
 from hil.diagnosis.candidates import (
     COMPETITORS,
     FOIL,
@@ -36,6 +44,7 @@ from hil.diagnosis.constants import (
     RIVAL,
     SAME_COSINE,
     SURE,
+    TENTH,
     WORTH,
 )
 from hil.diagnosis.evidence import (
@@ -45,7 +54,7 @@ from hil.diagnosis.evidence import (
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
-from hil.diagnosis.remodel import Visited, without
+from hil.diagnosis.remodel import Visited, let_go, missed, reverted, without
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import Candidate, describe, ranking
 from hil.identify.context import renew
@@ -357,6 +366,33 @@ def separated(search: Search, named: Named) -> Named:
     most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
     kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
     return named if len(kept) == len(named.rivals) else named.among(kept)
+
+
+def emptied(search: Search, c: Candidate, before: Visited) -> Visited | None:
+    """The last model without an effect that came to nothing there; None where it did not.
+
+    Its own effort, beyond what the effect that it replaces does, is within its errors once all is
+    fitted together, or a tenth of what it was in the model `before` the corrections, and the rest
+    foretells as much.  Values that were kept while corrections were sought came to nothing by
+    no fit.
+    """
+    now, key, j = search.now, c.term.key, c.joint
+    term = next((t for t in now.result.terms if t.key == key), None)
+    if term is None or term.fixed:
+        return None
+    rung = search.rung(now.step.label, reverted(now.result, c), now.result.sigma)
+    renew(now.result)
+    rung.step = replace(rung.step, result=let_go(rung.result, now.result.model))
+    there = {t.key for t in now.result.terms}
+    own = zip(rung.result.terms, rung.result.slices, strict=True)
+    back = [rung.result.x[:, where] for t, where in own if t.key not in there]
+    instead = np.hstack([rung.result.x[:, :0], *back])
+    size, error = beyond(now.result, key, instead)
+    had, _ = beyond(before.result, key, instead)
+    held = rung.step.heldout.rms[j] > (1 + WORTH / 2) * now.step.heldout.rms[j]
+    worse = held or missed(rung.errors, now.errors, [j])
+    nothing = size <= min(max(SURE * error, TENTH * had), HALF * had)
+    return rung if nothing and not worse else None
 
 
 def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:

@@ -24,7 +24,7 @@ from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step
 from hil.identify.context import renew
-from hil.identify.design import Key, Term, prefix
+from hil.identify.design import Key, Term, head, prefix
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -33,7 +33,7 @@ from hil.identify.shape_search import together
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
-from hil.models.model import RobotModel, Use
+from hil.models.model import RobotModel, Use, Value
 
 FloatArray = NDArray[np.float64]
 
@@ -115,6 +115,39 @@ def held(model: RobotModel) -> RobotModel:
     return replace(
         model, effects=tuple(replace(u, options={**u.options, **stay}) for u in model.effects)
     )
+
+
+def reverted(result: FitResult, c: Candidate) -> RobotModel:
+    """A fitted model with what an effect replaces in its place, and all its shapes held.
+
+    What both have of a shape, as how sharply friction turns, stays what it is.
+    """
+    j, model = c.term.joint, without(held(result.model), c, result.problem)
+    term = next(t for t in result.terms if t.key == c.term.key)
+    known = {p.name: x for p, x in zip(term.effect.shape, term.shape, strict=True)}
+    alike = {
+        (name, f"{head(e, j)}.{p.name}"): Value(known[p.name])
+        for name in term.effect.relations.replaces
+        for e in (catalogue.get(name),)
+        for p in e.shape
+        if p.name in known
+    }
+    effects = tuple(
+        replace(u, values=u.values | {n: v for (own, n), v in alike.items() if own == u.type})
+        for u in model.effects
+    )
+    return replace(model, effects=effects)
+
+
+def let_go(result: FitResult, before: RobotModel) -> FitResult:
+    """A fit whose shapes are held no more than in another model of the same effects."""
+    own = {_place(u): u.options for u in before.effects}
+    effects = tuple(replace(u, options=own[_place(u)]) for u in result.model.effects)
+    terms = [
+        replace(t, fixed_shape=bool(own[_place(effects[t.use])].get("fixed_shape")))
+        for t in result.terms
+    ]
+    return replace(result, model=replace(result.model, effects=effects), terms=terms)
 
 
 def freed(result: FitResult, named: FitResult) -> FitResult:

@@ -93,3 +93,29 @@ def test_the_share_is_that_on_the_held_out_recording():
     expected = (first.rms[0] ** 2 - last.rms[0] ** 2) / (first.rms[0] ** 2 - floor**2)
     assert share == pytest.approx(expected) and 0 < se < 0.1
     assert d.findings[0].excess_explained == pytest.approx(np.clip(expected, 0, 1), abs=1e-9)
+
+
+def test_a_name_that_comes_to_nothing_beside_a_correction_does_not_stand():
+    """Bristles stand for a spring that yields, of no catalogue, until a correction does."""
+    first, second, other = (plants.leaking_axis(seed, 250.0, 40.0) for seed in (1, 2, 3))
+    d = hil.diagnose([first, second], hil.base_model(first.robot), other)
+    assert named(d) == {"spring"} and [f.effect for f in d.partial] == ["presliding"]
+    assert "nothing is left of it" in d.partial[0].reason
+    assert "+ presliding on joint1 (not named)" in [s.label for s in d.ladder]
+    assert "presliding" not in {u.type for u in d.model.effects}
+    values = d.result.values
+    assert values["j1.coulomb.fc"].value == pytest.approx(15.0, rel=0.02)
+    assert values["j1.spring.k"].value == pytest.approx(300.0, rel=0.02)
+    assert d.ladder[-1].heldout.rms[0] < 0.5 * d.explained.heldout.rms[0]
+
+
+def test_friction_that_builds_up_keeps_its_name_beside_that_correction():
+    """Both are there: each has what the other does not follow."""
+
+    def run(seed):
+        r = plants.leaking_axis(seed, 250.0, 40.0)
+        loops = 12.0 * plants.stuck(r.q[:, 0], 0.01) / 0.01
+        return plants.single("leaks", r.t, r.q[:, 0], r.tau[:, 0] + loops, robot=r.robot)
+
+    d = hil.diagnose([run(1), run(2)], hil.base_model(plants.SINGLE), run(3))
+    assert named(d) == {"spring", "presliding"} and d.corrected
