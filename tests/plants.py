@@ -403,6 +403,17 @@ def two_axes(law: str, seed: int, name: str, slow: float = 1.0) -> Recording:
     return Recording(name, "arm", ("joint1", "joint2"), t, q, tau)
 
 
+def coupled_axes(v0: float, seed: int = 1) -> Recording:
+    """Two axes, the first without friction of its own; its motor turns with half the second."""
+    rng, t = np.random.default_rng(seed), np.arange(8000) / 500.0
+    q, v, a = _apart(rng, t, 2)
+    w = v[:, 0] + 0.5 * v[:, 1]
+    motor = 0.2 * (a[:, 0] + 0.5 * a[:, 1]) + np.tanh(w / v0) + 0.3 * w
+    tau = 0.3 * a + np.outer(motor, [1.0, 0.5]) + 0.01 * rng.standard_normal(q.shape)
+    tau[:, 1] += 0.4 * np.tanh(v[:, 1] / 0.004) + 0.5 * v[:, 1]
+    return Recording("couple", "arm", ("joint1", "joint2"), t, q, tau)
+
+
 def late_axes(samples: tuple[int, int], seed: int = 1) -> Recording:
     """Efforts of `two_axes` that act some samples of 2 ms after they were recorded, by joint."""
     run, n = two_axes("", seed, "late"), max(samples)

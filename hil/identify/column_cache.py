@@ -154,6 +154,10 @@ class Kept:
         (moment.spare if spare else moment.needed)[key] = columns
         self._room -= columns.nbytes * spare
 
+    def looked_at(self, key: Key, name: str, j: int) -> bool:
+        """Whether columns of an effect and a joint were made of a field of joint j, or of all."""
+        return any({(name, j), (name, None)} & {*seen} for seen in self._looked.get(key, ()))
+
     def _make_room(self, size: int) -> None:
         """Let the oldest spare columns go, a part of the room at once."""
         wanted = max(size, CACHE_BYTES // ROOM_PART)

@@ -587,6 +587,10 @@ class Problem(Rows):
             out = self.by_run(out, first)
         return self._keep(key, out, effect, fields)
 
+    def uses_sign(self, effect: Effect, j: int, k: int) -> bool:
+        """Whether columns of an effect on joint j, made before, changed with joint k's sign."""
+        return self._kept.looked_at((effect.name, j), "v0", k)
+
     def _keep(
         self, key: tuple[object, ...], out: FloatArray, effect: Effect, fields: Seen
     ) -> FloatArray:

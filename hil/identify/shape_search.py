@@ -26,6 +26,7 @@ from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, USUAL, flat, grid_of, left, simplest, tried
 from hil.models.effect import Effect, Trait, Waves, alone, typical_speed
 from hil.models.motion import Motion
+from hil.models.parts import JOINT
 
 FloatArray = NDArray[np.float64]
 #: Share of the squared residual below which a shape is not worth refining.
@@ -117,14 +118,95 @@ def search_shapes(
             found, gain = best_shape(projector, term)
             if term.effect.search.sharpest:
                 found = _sharpest(projector, found, gain)
+            if Trait.DRY in term.effect.traits and _says_little(projector, found):
+                found = _by_users(problem, others, sigma, found)
         out[k] = found
     return out
+
+
+def _says_little(projector: Projector, term: Term) -> bool:
+    """Whether friction is below zero, or explains little beside what all others leave."""
+    if not term.shape:
+        return False
+    gain, beta, _, _ = projector.score(term)
+    return bool(np.all(beta <= 0.0)) or gain <= OWN_SHARE * left(projector, term, gain)
+
+
+def _by_users(problem: Problem, others: list[Term], sigma: FloatArray, dry: Term) -> Term:
+    """A sign resolved as the laws that use it ask for, where its own friction says little.
+
+    Friction that turns with two joints, or under load, may be all that there is.  The sharpest of
+    the grid that leaves within 1 % of what the best one does, or that one.
+    """
+    users = [t for t in others if _uses(problem, t, dry.joint)]
+    if not users:
+        return dry
+    keys = {t.key for t in users}
+    rest = Projector(problem, [t for t in others if t.key not in keys], sigma)
+    wide = next((t for t in users if t.effect.scope.whole), dry)
+
+    def gain(v0: float, some: Sequence[Term]) -> float:
+        motions = _resolved(problem, dry.joint, v0)
+        columns = [_of_user(problem, t, motions, sigma, wide) for t in some]
+        return rest.gain_of(wide, np.concatenate(columns, axis=1))
+
+    gains = {v0: gain(v0, [dry.reshaped((v0,)), *users]) for (v0,) in grid_of(problem, dry)}
+    line = sorted(gains)
+    k = line.index(max(gains, key=lambda v0: gains[v0]))
+    ends = np.log(line[max(k - 1, 0)]), np.log(line[min(k + 1, len(line) - 1)])
+    if ends[1] > ends[0]:
+        found = scipy.optimize.fminbound(
+            lambda x: -gain(np.exp(x), [dry.reshaped((np.exp(x),)), *users]),
+            *ends,
+            xtol=PAIR_CLOSE,
+            maxfun=USER_STEPS,
+        )
+        v0 = float(np.exp(found))
+        gains[v0] = gain(v0, [dry.reshaped((v0,)), *users])
+    most = max(gains.values())
+    least = most - (CLOSE - 1) * left(rest, wide, most)
+    return dry.reshaped((min(v0 for v0, g in gains.items() if g >= least),))
+
+
+def _resolved(problem: Problem, j: int, v0: float) -> list[Motion]:
+    """The motions with the sign of joint j resolved to v0."""
+    every = np.where(np.arange(problem.d) == j, v0, problem.motions[0].v0)
+    return [m.with_(v0=every) for m in problem.motions]
+
+
+def _uses(problem: Problem, term: Term, j: int) -> bool:
+    """Whether a term's columns change with the resolution of joint j's sign."""
+    names = [p.name for p in term.effect.shape]
+    other = JOINT in names and term.shape[names.index(JOINT)] == j + 1
+    here = term.joint == j or other or term.effect.scope.of_robot
+    correction = bool(term.effect.traits & (Trait.MOTION | Trait.CORRECTION))
+    return here and not correction and problem.uses_sign(term.effect, term.joint, j)
+
+
+def _of_user(
+    problem: Problem, term: Term, motions: Sequence[Motion], sigma: FloatArray, rows: Term
+) -> FloatArray:
+    """Weighted columns (N, m) of a term beside other motions, on the rows of another term."""
+    raw = [term.effect.columns(m, term.joint, term.shape) for m in motions]
+    if term.effect.scope.whole:
+        each = np.moveaxis(problem.acting(raw, None), 0, 1) / sigma[:, None, None]
+        return np.asarray(each.reshape(problem.d * problem.n, -1))
+    own: FloatArray = problem.acting(raw, term.joint) / sigma[term.joint]
+    if not rows.effect.scope.whole:
+        return own
+    out = np.zeros((problem.d, problem.n, own.shape[1]))
+    out[term.joint] = own
+    return out.reshape(problem.d * problem.n, -1)
 
 
 #: First step of the search for two shapes together, of their logarithms.
 LITTLE = 0.2
 #: Steps of the search for two shapes together, of each form, and how close its logarithms end.
 PAIR_STEPS, PAIR_CLOSE = 60, 0.01
+#: Share of what all others leave up to which friction says little of how sharply it turns.
+OWN_SHARE = 0.1
+#: Steps of the search for a sign by the laws that use it.
+USER_STEPS = 12
 
 
 def together(
@@ -181,10 +263,7 @@ class _Pair:
 
     def _motions(self, v0: float) -> list[Motion]:
         """The motions with the sign resolved to v0."""
-        every = np.where(
-            np.arange(self.problem.d) == self.term.joint, v0, self.problem.motions[0].v0
-        )
-        return [m.with_(v0=every) for m in self.problem.motions]
+        return _resolved(self.problem, self.term.joint, v0)
 
     def grid(self, v0: float) -> list[tuple[float, ...]]:
         """Shapes that the term may have beside a sign resolved to v0."""

@@ -8,7 +8,7 @@ import pytest
 
 from hil.identify.design import Term, bind, stack
 from hil.identify.fit import fit
-from hil.identify.problem import Problem
+from hil.identify.problem import Problem, of_model
 from hil.identify.projector import Projector
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
@@ -174,3 +174,15 @@ def test_the_ratio_of_a_coupled_friction_is_found() -> None:
     values = fit(Problem([replace(run, tau=tau)], run.robot), model).values
     assert values["j1.coupled-friction.mode"].value == pytest.approx(-0.6, abs=0.01)
     assert values["j1.coupled-friction.fk"].value == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.parametrize("v0", [0.03, 0.08])
+def test_a_sign_without_friction_of_its_own_is_resolved_as_those_that_use_it_ask_for(v0):
+    """A motor that turns with two joints carries all the friction of the first."""
+    run = plants.coupled_axes(v0)
+    model = base_model(run.robot) + "coupled-transmission"
+    result = fit(of_model([run], model), model)
+    assert result.values["j1.coulomb.fc"].value == pytest.approx(0.0, abs=0.005)
+    assert result.values["j1.coulomb.v0"].value == pytest.approx(v0, rel=0.1)
+    assert result.values["j2.coulomb.v0"].value < 0.01
+    assert np.all(result.relative < 0.1)
