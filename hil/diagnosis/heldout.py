@@ -43,7 +43,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import floor_of, gather, in_time, terms_to_try
 from hil.diagnosis.folds import Split, split
-from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step
+from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.errors import DataError, plural
 from hil.identify.context import set_context
 from hil.identify.design import Term, coefficients
@@ -321,20 +321,23 @@ def _with(result: FitResult, term: Term, v0: float) -> FitResult:
 
 @dataclass(frozen=True)
 class _Try:
-    """One explanation: words, share of the difference, and its score."""
+    """One explanation: words, share of the difference, its score; whether another value alone."""
 
     text: str
     share: float
     score: float
+    single: bool = True
 
 
-def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: int) -> str:
+def explanation(
+    fitted: FitResult, alone: FitResult, residual: FloatArray, j: int
+) -> tuple[str, bool]:
     """Words for what would account for joint j's error under the other's parameters.
 
     All parameters stay as they were fitted; one term at a time is added to them, of the model's
     own (another value) or of the catalogue's (an effect), and the best is told with its share of
     what the parameters miss; longer laws pay the price of their coefficients.  Empty where none
-    accounts for `WHOLE` of it.
+    accounts for `WHOLE` of it.  And whether one of the model's values does, to what they leave.
 
     Parameters
     ----------
@@ -358,8 +361,10 @@ def explanation(fitted: FitResult, alone: FitResult, residual: FloatArray, j: in
         tried.append(_tried(term, known, bare, missed, per, price, j))
     best = max(tried, key=lambda x: x.score)
     if best.share < WHOLE:
-        return ""
-    return f"{best.text} would explain {100 * min(best.share, 1.0):.0f} % of that"
+        return "", False
+    kept = missed * (1.0 - best.share) + float(left @ left)
+    alike = best.single and kept <= NEAR_FLOOR**2 * float(left @ left)
+    return f"{best.text} would explain {100 * min(best.share, 1.0):.0f} % of that", alike
 
 
 def _terms(fitted: FitResult, alone: FitResult, j: int) -> list[tuple[Term, bool]]:
@@ -390,7 +395,9 @@ def _tried(
     part = (columns @ beta)[j * n : (j + 1) * n] if term.effect.scope.whole else columns @ beta
     r = bare.residual[j * n : (j + 1) * n]
     gain = float(r @ r - (r - part) @ (r - part))
-    return _Try(_words(term, known, beta, bare), gain / missed, gain / per - price * beta.size)
+    score = gain / per - price * beta.size
+    single = known and beta.size == 1
+    return _Try(_words(term, known, beta, bare), gain / missed, score, single)
 
 
 def _words(term: Term, known: bool, beta: FloatArray, bare: Projector) -> str:
@@ -527,14 +534,19 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
     found = _ours(out, pair, moves) + _theirs(out, pair, moves)
     told = {k for k, text in found if text}
     above = step.heldout.rms > ADEQUATE * out.noise
-    found += [(j, _values(pair, j)) for j in moves if above[j] and j not in told]
+    over = np.maximum(pair.fitted.rms / above_zero(out.floor), pair.alone.rms / out.noise)
+    found += [(j, _values(pair, j, float(over[j]))) for j in moves if above[j] and j not in told]
     texts = [text for _, text in sorted(found) if text]
     what = ADVICE if any(SAID in t for t in texts) else BOTH
     return [(DIFFER, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]
 
 
-def _values(pair: _Pair, j: int) -> str:
-    """The sentence where parameters of the fit do not serve the held-out runs; else empty."""
+def _values(pair: _Pair, j: int, over: float) -> str:
+    """The sentence where parameters of the fit do not serve the held-out runs; else empty.
+
+    Where the model is above the floor of a session by itself, `over` times, each session gives its
+    parameters what else it lacks there: the rig is another one only if a single value says so.
+    """
     rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
     single = replace(pair.heldout, residual=pair.alone.residual)
     if rms <= NEAR_FLOOR * own or single.gain(pair.heldout, j) < SURE:
@@ -549,7 +561,13 @@ def _values(pair: _Pair, j: int) -> str:
             f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "
             f"determine what {pair.theirs} needs"
         )
-    why = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
+    why, alike = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
+    if over > NEAR_FLOOR and not alike:
+        return (
+            f"{joint}: {text}. The model is incomplete (a session that it is fitted to keeps up to "
+            f"{over:.1f} times its noise floor), and its parameters differ between sessions for "
+            "that reason"
+        )
     left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
     lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""
     return f"{joint}: {' '.join([lead, SAID]).strip()}: {text}{f'; {why}' if why else ''}"

@@ -1,5 +1,6 @@
 """Sessions that differ: which one holds what, and which effect would explain it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -85,6 +86,19 @@ def test_what_the_fitted_motion_could_not_show_is_no_difference():
     sentences = said(diagnose([fit], base_model(fit.robot), [held]))
     assert any("the motion of fast can hardly show it" in x for x in sentences)
     assert all("the sessions differ" not in x for x in sentences)
+
+
+def test_what_a_model_lacks_in_both_sessions_is_no_other_rig():
+    """A drag in all runs: each session gives friction another share of it."""
+    runs = []
+    for seed, slow in ((1, 1.0), (2, 3.0)):
+        r = plants.two_axes("", seed, f"run{seed}", slow)
+        v = np.gradient(r.q[:, 1], r.t)
+        runs.append(replace(r, tau=r.tau + np.outer(v * np.abs(v), [0.0, 1.0])))
+    c = compare(runs[:1], base_model(runs[0].robot), runs[1:])
+    (told,) = (f.text for f in c.faults if f.code == DIFFER and f.text.startswith("joint2"))
+    assert "The model is incomplete" in told and "for that reason" in told
+    assert "the sessions differ" not in told and "one state of the rig" not in told
 
 
 def test_compare_and_the_report_say_it_too(tmp_path):
