@@ -28,7 +28,7 @@ from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
-from hil.models.model import Value, remark
+from hil.models.model import Value, in_words, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
 from hil.report.data import diagnosis_json, from_diagnosis, ladder_json
@@ -47,6 +47,7 @@ from hil.report.text import (
     floor_says,
     laws,
     next_steps,
+    percent,
     remains,
     undescribed,
     where,
@@ -247,12 +248,30 @@ def _names_table(d: Diagnosis) -> str:
                 f"{f.effect} on {f.joint}" if f.joint else f.effect,
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
-                f"{100 * f.excess_explained:.0f}",
-                _telling(f, _contribution(d, f)),
+                percent(f.excess_explained),
+                "; ".join([_telling(f, _contribution(d, f)), *_forms(f, d.result.problem.joints)]),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
-    return terminal.table(head, rows, (0, 4))
+    table = terminal.table(head, rows, (0, 4))
+    little = any(f.excess_explained < OF_ALL for f in d.findings)
+    return f"{table}\n  {EXPLAINS}" if little else table
+
+
+#: Share of all that is to be explained below which the answer says of what it is one.
+OF_ALL = 0.01
+EXPLAINS = (
+    "explains %: of the squared error above the noise floor before anything was added, beside "
+    "which what a later effect does may be little"
+)
+
+
+def _forms(f: Finding, joints: tuple[str, ...]) -> list[str]:
+    """Words for the chosen form of an effect's law: of what it is a function, what it couples."""
+    of = {n.rpartition(".")[2]: (n, v) for n, v in f.parameters.items()}
+    named = [of[p.name] for p in catalogue.get(f.effect).shape if p.choice and p.name in of]
+    words = [in_words(n, v.value, joints) for n, v in named]
+    return [w for w in words if w]
 
 
 def _joints_table(d: Diagnosis, rungs: list[Rung]) -> str:
@@ -364,7 +383,7 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
         f"  {where(f)}  (confidence {f.confidence:.2f})",
         f"    held-out error {f'of {f.felt_on} ' if f.felt_on else ''}{f.relative_before:.2f} % -> "
         f"{f.relative_after:.2f} % "
-        f"(standard error {f.se:.2g}); explains {100 * f.excess_explained:.0f} % of the squared "
+        f"(standard error {f.se:.2g}); explains {percent(f.excess_explained)} % of the squared "
         "error above the noise floor",
     ]
     lines += [f"    {common.value_line(name, v, joints)}" for name, v in f.parameters.items()]

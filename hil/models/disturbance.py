@@ -98,8 +98,8 @@ _PROGRESS = (
         0.0,
         2.0,
         codes=(
-            (CLOCK, "time"),
-            (THERMOMETER, "measured motor temperature"),
+            (CLOCK, "over time"),
+            (THERMOMETER, "over measured motor temperature"),
             (OWN_MOTION, "warmed by the joint's own motion"),
         ),
         choice=True,

@@ -96,6 +96,11 @@ def where(f: Finding) -> str:
     return f"{f.effect} on {f.joint}" if f.joint else f.effect
 
 
+def percent(share: float) -> str:
+    """A share in percent; one below a percent is not rounded to nothing."""
+    return f"{100 * share:.0f}" if share >= 0.01 or share <= 0.0 else f"{100 * share:.1g}"
+
+
 def listed(names: list[str]) -> str:
     """Names as a sentence lists them: a, b and c."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
@@ -335,7 +340,7 @@ def details(m: Material) -> list[str]:
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
-            f"{100 * f.excess_explained:.0f} % of the squared error above the noise floor). It is "
+            f"{percent(f.excess_explained)} % of the squared error above the noise floor). It is "
             f"not named as the cause: {f.reason}."
         )
     if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
@@ -364,7 +369,7 @@ def _finding(m: Material, f: Finding) -> str:
     return (
         f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
         f"Confidence {_chance(f.confidence)}{sure}. {errors[:1].upper()}{errors[1:]}; this "
-        f"explains {100 * f.excess_explained:.0f} % of the squared error above the noise floor."
+        f"explains {percent(f.excess_explained)} % of the squared error above the noise floor."
         f"{rivals}"
     )
 

@@ -10,7 +10,7 @@ from test_report import model
 from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import _contribution, _telling, short, text
+from hil.commands.diagnose import _contribution, _forms, _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
@@ -24,7 +24,7 @@ from hil.models.parts import Trait
 from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import Files, next_steps, with_model
+from hil.report.text import Files, next_steps, percent, with_model
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +159,30 @@ NAN = float("nan")
 )
 def test_the_value_shown_says_how_large_an_effect_is(effect, values, shown):
     assert _telling(finding(effect, **values)) == shown
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "words"),
+    [
+        ("friction-drift", {"of": 0.0, "T": 9.0}, ["over time"]),
+        ("friction-drift", {"of": 1.0, "T": 9.0}, ["over measured motor temperature"]),
+        ("offset-drift", {"of": 1.0, "T": 9.0}, ["over measured motor temperature"]),
+        ("friction-drift", {"of": 2.0, "T": 9.0}, ["warmed by the joint's own motion"]),
+        ("presliding", {"form": 1.0, "vs": 0.0, "s": 0.01}, ["Dahl"]),
+        ("coupled-transmission", {"joint": 2.0, "r": 0.5}, ["elbow"]),
+        ("cogging", {"p": 3.0}, []),
+    ],
+)
+def test_the_form_that_a_law_takes_is_shown_beside_its_value(effect, values, words):
+    found = finding(effect, **{n: (x, NAN, "1") for n, x in values.items()})
+    assert _forms(found, ("joint1", "elbow")) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "shown"), [(0.92, "92"), (0.0103, "1"), (0.0024, "0.2"), (0.0, "0")]
+)
+def test_a_small_share_of_all_is_not_rounded_to_nothing(share, shown):
+    assert percent(share) == shown
 
 
 def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
