@@ -36,7 +36,7 @@ from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, within_errors
 from hil.diagnosis.naming import Named, emptied, exchange, separated, shares
-from hil.diagnosis.preconditions import doubts, touched, undetermined
+from hil.diagnosis.preconditions import doubts, touched, undetermined, upwards
 from hil.diagnosis.remodel import Visited
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
@@ -63,7 +63,7 @@ from hil.diagnosis.verdict import (
     rival_name,
     with_errors,
 )
-from hil.identify.context import renew
+from hil.identify.context import SOLID, renew
 from hil.identify.design import by_run
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
@@ -426,6 +426,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
     taken = shares(search)
     every = [finding(n, search, floor, other, taken) for n in named]
+    every = weightless(every, named, end)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
@@ -446,6 +447,25 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     )
     if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
+    return out
+
+
+def weightless(every: list[Finding], named: list[Named], result: FitResult) -> list[Finding]:
+    """Findings, of which laws of posture are doubtful beside masses that are none.
+
+    What holds a joint, or the tip, and gravity make up for each other there: that the fit gives
+    gravity against the description shows that the law is another one.
+    """
+    against = upwards(result)
+    out = []
+    for f, n in zip(every, named, strict=True):
+        effect = n.candidate.term.effect
+        felt = bool(against) if effect.scope.whole else n.candidate.joint in against
+        if felt and effect.family in (*SOLID, "contact"):
+            names = ", ".join(result.problem.joints[j] for j in against)
+            why = f"beside it gravity of {names} acts upwards, and no masses do that"
+            f = replace(f, confidence=min(f.confidence, HALF), reason=why)
+        out.append(f)
     return out
 
 

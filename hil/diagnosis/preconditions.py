@@ -338,10 +338,16 @@ def touched(result: FitResult, heldout: FloatArray) -> bool:
     heldout : ndarray (d,)
         Left-out errors [%].
     """
+    return any(heldout[j] / 100 > TENTH for j in upwards(result))
+
+
+def upwards(result: FitResult) -> list[int]:
+    """Joints whose gravity surely acts against the description in a fit, as no masses do.
+
+    None where another direction of gravity says the same of all.
+    """
     every = weighed(result)
-    return not _other_gravity(every) and any(
-        _upwards(w) and heldout[w.joint] / 100 > TENTH for w in every
-    )
+    return [] if _other_gravity(every) else [w.joint for w in every if _upwards(w)]
 
 
 # ------------------------------------------------------------ external effort
