@@ -510,7 +510,8 @@ def concluded(args: argparse.Namespace) -> int:
         for f in result.findings:
             if f.confidence < CONFIDENT:
                 names = " or ".join([f"{f.effect} on {f.joint or 'the robot'}", *f.rivals])
-                terminal.out(f"  not settled: {names}; these data fit either")
+                why = "these data fit either" if f.rivals else f.reason
+                terminal.out(f"  not settled: {names}; {why}")
     return code(result)
 
 

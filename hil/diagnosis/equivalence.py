@@ -39,6 +39,7 @@ from hil.diagnosis.constants import (
     WARMING,
 )
 from hil.diagnosis.types import (
+    EITHER,
     EXCITATION,
     NO_MOTION,
     STRUCTURAL,
@@ -397,7 +398,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     best, problem = choice.best, planner.result.problem
     if best.verdict.odds < CONFIDENT_ODDS:
         why = f"{s.why}; at this size no motion of the menu shows a difference"
-        return Indistinguishable(s.effects, why, "the same effect, larger", EXCITATION)
+        return Indistinguishable(s.effects, why, EITHER, EXCITATION)
     names = tuple(c.name for c in s.among)
     joint = problem.joints[s.among[0].term.joint]
     whole = all(c.term.effect.scope.whole for c in s.among)

@@ -18,7 +18,7 @@ from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
-from hil.diagnosis.types import NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
+from hil.diagnosis.types import EITHER, NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE
@@ -473,10 +473,21 @@ FIXED = {
 def _separating(s: Indistinguishable) -> str:
     """Which motion tells rivals apart, if one does."""
     names = " or ".join(s.effects)
+    if s.experiment == EITHER:
+        return (
+            f"{names}: at the size that they have here they foretell the same of every motion that "
+            "was tried. Use either."
+        )
     if not s.experiment.startswith(NO_MOTION):
         return f"{names}: record {s.experiment}."
     other = s.experiment.removeprefix(NO_MOTION).removeprefix("; ")
     return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
+
+
+def _listed(s: Indistinguishable, findings: Sequence[Finding]) -> bool:
+    """Whether a set holds a named effect and one of the rivals that the answer gives it."""
+    of = set(s.effects)
+    return any(f.effect in of and of & set(f.rivals) for f in findings)
 
 
 def next_steps(m: Material) -> list[str]:
@@ -509,8 +520,16 @@ def next_steps(m: Material) -> list[str]:
         slow = all(STARTS in text for text in unlike(m))
         return [SLOWLY if slow else ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
+        # what the table does not list as a rival is not to be separated first
+        separating = [x for x, s in zip(motions, rivals, strict=True) if _listed(s, m.findings)]
         wait = "Do not rely on one of the rivals yet; record the motion that separates them."
-        return [wait, *motions[:3]]
+        doubted = [
+            f"Do not rely on {where(f)} yet: {f.reason}."
+            for f in m.findings
+            if f.confidence < CONFIDENT and not f.rivals
+        ]
+        among = any(f.rivals for f in m.findings)
+        return [*([wait] if among else []), *separating[:3], *doubted]
     return list(FIXED[m.verdict])
 
 

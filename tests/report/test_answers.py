@@ -14,7 +14,7 @@ from hil.commands.diagnose import _contribution, _forms, _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
-from hil.diagnosis.types import Finding, UnnamedCorrection
+from hil.diagnosis.types import EITHER, Finding, Indistinguishable, UnnamedCorrection
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.identify import bands
@@ -183,6 +183,25 @@ def test_the_form_that_a_law_takes_is_shown_beside_its_value(effect, values, wor
 )
 def test_a_small_share_of_all_is_not_rounded_to_nothing(share, shown):
     assert percent(share) == shown
+
+
+def test_of_rivals_only_those_are_to_be_separated_that_the_answer_lists(plain):
+    sets = [
+        Indistinguishable(("spring", "rigid-body"), "", "slow strokes"),
+        Indistinguishable(("spring", "unbalance"), "", EITHER),
+    ]
+    doubtful = replace(finding("spring"), rivals=["unbalance"])
+    m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful], sets=sets)
+    wait, either = next_steps(m)
+    assert "record the motion that separates them" in wait
+    assert either.startswith("spring or unbalance: at the size that they have here")
+    assert either.endswith("Use either.")
+
+
+def test_a_name_that_is_doubtful_without_a_rival_says_why(plain):
+    doubtful = replace(finding("spring"), reason="gravity acts upwards beside it")
+    m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful], sets=[])
+    assert next_steps(m) == ["Do not rely on spring on joint1 yet: gravity acts upwards beside it."]
 
 
 def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
