@@ -433,10 +433,14 @@ def _errs(search: Search, c: Candidate, other: BlockErrors, most: float) -> bool
 
 
 def _gains(search: Search, other: BlockErrors) -> bool:
-    """Whether another model foretells left-out blocks better than the present one."""
+    """Whether another model foretells left-out blocks better than the present one.
+
+    By what would be worth a name, too: more values follow what others leave.
+    """
     now = search.now
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
-    return paired((now.errors.squared - other.squared) @ weight) > RISEN
+    sure = paired((now.errors.squared - other.squared) @ weight) > RISEN
+    return sure and missed(now.errors, other, search.moves)
 
 
 def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projector) -> Named:

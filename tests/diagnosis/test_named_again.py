@@ -9,6 +9,8 @@ from hil.bench import identify
 from hil.bench.diagnosis import runner
 from hil.bench.diagnosis.cases import Hidden, SessionCase
 from hil.diagnosis.engine import diagnose
+from hil.diagnosis.grams import BlockErrors
+from hil.diagnosis.naming import _gains
 from hil.diagnosis.types import ranking
 from hil.identify.problem import Problem
 from hil.identify.projector import within
@@ -68,6 +70,18 @@ def test_of_equal_scores_the_one_with_less_to_fit_comes_first() -> None:
     scores = ((206178.2, 7), (206164.2, 1), (206211.2, 1), (206204.1, 2), (206900.0, 3))
     order = sorted(scores, key=lambda x: ranking(SimpleNamespace(score=x[0], dof=x[1])))
     assert order == [scores[4], scores[2], scores[1], scores[3], scores[0]]
+
+
+@pytest.mark.parametrize(("share", "rival"), [(0.99, False), (0.9, True), (1.1, False)])
+def test_a_law_that_contains_the_named_one_is_a_rival_if_it_foretells_more_by_what_is_worth_a_name(
+    share: float, rival: bool
+) -> None:
+    """A polynomial over the position follows a pure sine, and a little of what others leave."""
+    left = np.random.default_rng(1).uniform(0.9, 1.1, (96, 1))
+    count = np.ones_like(left)
+    now = SimpleNamespace(errors=BlockErrors(left, count))
+    search = SimpleNamespace(problem=SimpleNamespace(holds=np.array([False])), now=now, moves=[0])
+    assert _gains(search, BlockErrors(share * left, count)) == rival
 
 
 @pytest.mark.parametrize("gain", [pytest.param(1.1, marks=pytest.mark.slow), 1.25])
