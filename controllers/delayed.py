@@ -52,6 +52,9 @@ FIELDS = 19
 NOISE, MOVES = 2.5e-3, 2e-3
 #: Corner of the low-pass of the force that the leader feels [Hz], time in which a force that was
 #: withheld comes back [s], and how much faster than the leader the goal makes up its drift [m/s].
+#: Half: what is felt lags more, a fading force is a spring twice as stiff, and drift lasts longer;
+#: double: the loop at the cables' resonance has twice the gain, a force that was withheld is missed
+#: for longer, and the follower jolts where its goal was held back.
 FELT_HZ, RISE, CATCH = 60.0, 0.05, 0.2
 #: Stiffness in units of the expected one below which there is no wall, and how a packet says so.
 SOFTEST, NO_WALL = 0.3, 2.0
