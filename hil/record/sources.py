@@ -223,7 +223,10 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     try:
         found = read_columns(open_table(path), mapping, robot, choice.arm)
     except (DataError, ConfigError) as error:
-        said = f"{error}; options and maps for a table are those of 'hil import {path} -o S.mcap'"
+        said = (
+            f"{error}; options and maps for a table are those of 'hil import' (from Python, a data "
+            "frame by hil.from_arrays)"
+        )
         raise type(error)(said) from error
     left = f"; not used: {', '.join(families(found.unused))}" if found.unused else ""
     taken = f"{path.name}: columns by their names, in SI units"

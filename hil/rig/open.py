@@ -184,13 +184,6 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
             "PHANTOM, and this arm has a URDF; take it out of the rig file, or bring a driver of "
             "your own that tells forces in the base frame."
         )
-    most = np.asarray(getattr(efforts[0], "effort_limit", np.inf), float)
-    if not limits.own and np.any(limits.torque_limit > most):
-        given = [float(f"{x:.3g}") for x in np.broadcast_to(most, 3)]
-        raise ConfigError(
-            f"[arms.{arm}]: torque_limit = {list(limits.torque_limit)} N m is beyond what its "
-            f"motors give, {given}; give at most that, one entry per joint."
-        )
     none, zeros = np.zeros(len(limits.joints), np.int64), np.zeros(GAUGES, np.int64)
     robot = limits_of_arm(limits, robot_source(limits))
     boxed = bool(limits.workspace_min or limits.workspace_max)

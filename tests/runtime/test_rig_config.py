@@ -191,11 +191,6 @@ def test_a_row_of_hidden_effects_that_is_none(tmp_path, capsys, rig, row, says):
         ('kind = "hand"', 'kind = "hand"\nfrequency = 0', "0.01 to 20 Hz is needed"),
         ('kind = "hand"', 'kind = "hand"\nsize = [9.0, 0, 0]', "-0.5 to 0.5 m is needed"),
         ("\nhome = [0.0, 0.4, 0.3]", "\nhidden_seed = -1", "hidden_seed = -1: 0 to"),
-        (
-            "[arms.leader]",
-            "[arms.leader]\ntorque_limit = [200.0, 200.0, 200.0]",
-            "beyond what its motors give, [1.72, 1.44, 1.44]",
-        ),
         ("below_home = 0.015", "below_home = 0.015\n[simulation.quadrature]\nlines = 1.5", "lines"),
         (
             "below_home = 0.015",
