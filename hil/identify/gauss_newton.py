@@ -53,7 +53,7 @@ from hil.identify.regression import (
     time_blocks,
 )
 from hil.identify.result import FitResult
-from hil.identify.solve import limits, noise_to_signal, solve
+from hil.identify.solve import Drawn, limits, noise_to_signal, solve, solved
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Value
 from hil.models.motion import Motion
@@ -307,11 +307,10 @@ def carried(
     """
     if not any(_passes(t) for t in terms):
         return None
-    theta, _, _, slices, residual = solve(problem, terms, model, sigma)
-    before = _weighted(residual, sigma)
+    theta, _, _, slices, residual, drawn = solved(problem, terms, model, sigma, True)
     motions = problem.motions
-    state = _Carried(problem, terms, theta, slices, sigma)
-    if state.squares <= (1 + APART) ** 2 * before:
+    state = _Carried(problem, terms, theta, slices, sigma, drawn)
+    if _weighted(state.residual, sigma) <= (1 + APART) ** 2 * _weighted(residual, sigma):
         problem.motions = motions
         set_context(problem, terms)
         return None
@@ -341,8 +340,8 @@ class _Carried:
 
     Parameters
     ----------
-    problem, terms, theta, slices, sigma
-        As of a fit.
+    problem, terms, theta, slices, sigma, drawn
+        As of a fit; what draws the coefficients besides counts among the squares.
     """
 
     def __init__(
@@ -352,15 +351,21 @@ class _Carried:
         theta: FloatArray,
         slices: Sequence[slice],
         sigma: FloatArray,
+        drawn: Drawn,
     ) -> None:
         self.problem, self.terms, self.theta = problem, terms, theta
-        self.slices, self.sigma = slices, sigma
+        self.slices, self.sigma, self.drawn = slices, sigma, drawn
         update_load(problem, terms, theta, list(slices))
         set_context(problem, terms)
         self.x, _ = stack(problem, terms)
         left = problem.y.reshape(-1) - self.x @ theta
         self.residual = left.reshape(problem.d, problem.n)
-        self.squares = _weighted(self.residual, sigma)
+        rows, wanted = drawn.rows, drawn.target
+        if drawn.pull is not None:
+            rows = np.concatenate([rows, drawn.pull.rows])
+            wanted = np.concatenate([wanted, drawn.pull.rows @ drawn.pull.centre])
+        self.beside = rows, wanted - rows @ theta
+        self.squares = _weighted(self.residual, sigma) + float(np.sum(self.beside[1] ** 2))
 
     def step(self) -> tuple[FloatArray, dict[ShapeAt, tuple[float, float]]]:
         """Gauss-Newton step of the coefficients and of some shape values, and the ranges of these.
@@ -374,14 +379,16 @@ class _Carried:
         ]
         held = [np.full(s.stop - s.start, t.fixed) for t, s in zip(terms, self.slices, strict=True)]
         x = self.x + through_load(problem, terms, self.theta, self.slices)
-        x = x * ~np.concatenate(held)
-        rows = np.concatenate([x, np.stack(shapes, axis=1)], axis=1) if shapes else x
+        free, drawn = ~np.concatenate(held), self.beside[0]
+        rows = np.concatenate([x * free, np.stack(shapes, axis=1)], axis=1) if shapes else x * free
         w = np.repeat(1.0 / self.sigma, problem.n)
-        rows = rows * w[:, None]
+        also = np.zeros((len(drawn), rows.shape[1]))
+        also[:, : free.size] = drawn * free
+        rows = np.concatenate([rows * w[:, None], also])
         norm = np.linalg.norm(rows, axis=0)
         norm = np.where(norm > 0.0, norm, 1.0)
-        # what the data hardly determine stays where the description, or another prior, has it
-        right = self.residual.reshape(-1) * w
+        # what neither the data nor the description determines stays where it is
+        right = np.concatenate([self.residual.reshape(-1) * w, self.beside[1]])
         return least_squares(rows / norm, right, DETERMINED) / norm, ranges
 
     def moved(
@@ -395,7 +402,7 @@ class _Carried:
             shape = out[k].shape
             new = float(np.clip(shape[i] + change, *ends))
             out[k] = out[k].reshaped((*shape[:i], new, *shape[i + 1 :]))
-        return _Carried(problem, out, theta, self.slices, self.sigma)
+        return _Carried(problem, out, theta, self.slices, self.sigma, self.drawn)
 
 
 def through_load(
