@@ -17,6 +17,7 @@ import numpy as np
 from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
 from hil.record.bags import BagChoice, is_bag, read_bag
+from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf
 from hil.record.recording import LOCKED, Recording, RobotSource
 from hil.userfile import read_text
@@ -191,17 +192,13 @@ def load_source(
     return arms[0]
 
 
-#: How an MCAP file begins.
-_MAGIC = b"\x89MCAP0\r\n"
-
-
 def _is_session(path: str | Path) -> bool:
     """Whether a path is a session's or none; else it is that of a bag or of a table."""
     name = Path(path)
     if is_bag(name) or name.suffix.lower() in _ENDINGS or not name.is_file():
         return not is_bag(name)
     with name.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
