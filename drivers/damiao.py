@@ -11,8 +11,15 @@ import numba as nb
 import numpy as np
 
 from hil.errors import ConfigError, DeviceError
-from hil.signals.device import FloatArray, IntArray, Status, Wire
-from hil.signals.state import OperatingState, StateCommand, StateMachine
+from hil.signals.device import (
+    FloatArray,
+    IntArray,
+    OperatingState,
+    StateCommand,
+    StateMachine,
+    Status,
+    Wire,
+)
 from hil.signals.velocity import estimator
 
 #: Value of `velocity`: the speed that the drives themselves measure.

@@ -16,8 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.signals.device import FloatArray, IntArray, Status, Wire
-from hil.signals.state import OperatingState, StateCommand, StateMachine
+from hil.signals.device import (
+    FloatArray,
+    IntArray,
+    OperatingState,
+    StateCommand,
+    StateMachine,
+    Status,
+    Wire,
+)
 
 
 @dataclass(frozen=True)

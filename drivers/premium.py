@@ -15,8 +15,7 @@ import numba as nb
 import numpy as np
 
 from hil.errors import ConfigError, DeviceError
-from hil.signals.device import FloatArray, Status, Wire
-from hil.signals.state import OperatingState, StateCommand, StateMachine
+from hil.signals.device import FloatArray, OperatingState, StateCommand, StateMachine, Status, Wire
 from hil.signals.velocity import estimator
 
 #: Joints of the arm, and the robot that the constants are of.

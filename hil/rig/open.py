@@ -34,13 +34,13 @@ from hil.signals.device import (
     IntArray,
     MeasuredCf,
     MeasuredJs,
+    OperatingState,
     ServoJf,
     Status,
     Tareable,
     Wire,
 )
 from hil.signals.frame import GAUGES
-from hil.signals.state import OperatingState
 from hil.toml import parse, within
 
 

@@ -18,9 +18,15 @@ from hil.rig.open import ArmPort
 from hil.rig.safety import BITS, FAULTING, PAUSING
 from hil.runtime.clock import Clock
 from hil.runtime.commands import OperatorCommand
-from hil.signals.device import Controller, FloatArray, Status
+from hil.signals.device import (
+    Controller,
+    FloatArray,
+    OperatingState,
+    StateCommand,
+    StateMachine,
+    Status,
+)
 from hil.signals.frame import FrameLayout
-from hil.signals.state import OperatingState, StateCommand, StateMachine
 
 
 class Overload:

@@ -30,10 +30,9 @@ from hil.rig.check import measures_force, opens, self_contained
 from hil.rig.config import RigConfig
 from hil.rig.operator import Shop
 from hil.runtime import commands
-from hil.signals.device import Controller, FloatArray, IntArray, ServoJf, Status
+from hil.signals.device import Controller, FloatArray, IntArray, OperatingState, ServoJf, Status
 from hil.signals.frame import GAUGES, TIMING, FrameLayout
 from hil.signals.settable import SettableRange
-from hil.signals.state import OperatingState
 from hil.toml import parse
 from hil.userfile import parse_toml
 

@@ -35,9 +35,8 @@ from hil.runtime.realtime import Arrangement
 from hil.runtime.slow import SessionParts
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import beside
-from hil.signals.device import Controller
+from hil.signals.device import Controller, OperatingState
 from hil.signals.frame import GAUGES, TIMING, TIMING_UNITS, FrameLayout
-from hil.signals.state import OperatingState
 from hil.userfile import LARGEST_TEXT, read_bytes
 
 

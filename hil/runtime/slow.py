@@ -28,9 +28,8 @@ from hil.runtime.clock import Clock
 from hil.runtime.commands import RECORD, Workshop, parse
 from hil.runtime.loop import Loop
 from hil.runtime.statistics import Statistics
-from hil.signals.device import FloatArray
+from hil.signals.device import FloatArray, OperatingState
 from hil.signals.frame import FrameLayout
-from hil.signals.state import OperatingState
 
 #: How often it is seen whether the file is still there [s].
 LOOKED_S = 0.5

@@ -17,11 +17,11 @@ from hil.signals.device import (
     FloatArray,
     MeasuredCf,
     MeasuredJs,
+    OperatingState,
     ServoJf,
     Status,
     Tareable,
 )
-from hil.signals.state import OperatingState
 from hil.testing.effects import ConformanceError
 
 

@@ -11,8 +11,7 @@ from hil.drivers.links.can import open_bus
 from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig, attached, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
-from hil.signals.device import MeasuredCf, Status, Tareable
-from hil.signals.state import OperatingState
+from hil.signals.device import MeasuredCf, OperatingState, Status, Tareable
 from hil.sim_devices.force.netcanoem import NetCanOemBoard
 from hil.sim_devices.force.transducer import Transducer
 from hil.testing import check_driver

@@ -5,8 +5,7 @@ import pytest
 
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import ConfigError, DeviceError
-from hil.signals.device import MeasuredJs, ServoJf, Status
-from hil.signals.state import OperatingState
+from hil.signals.device import MeasuredJs, OperatingState, ServoJf, Status
 
 MS = 1_000_000
 GEAR = np.array([13.3, 11.2, 11.2])

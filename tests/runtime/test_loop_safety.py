@@ -37,9 +37,9 @@ from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
 from hil.runtime.runner import run
+from hil.signals.device import OperatingState as State
 from hil.signals.device import Status
 from hil.signals.frame import FrameLayout
-from hil.signals.state import OperatingState as State
 
 RIG = Path(__file__).parents[2] / "rigs" / "teleop.toml"
 DT_NS = 1_000_000

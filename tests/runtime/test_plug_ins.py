@@ -47,8 +47,7 @@ build = Law
 ARM = """
 from dataclasses import dataclass
 import numpy as np
-from hil.signals.device import Status
-from hil.signals.state import OperatingState, StateCommand, StateMachine
+from hil.signals.device import OperatingState, StateCommand, StateMachine, Status
 
 @dataclass(frozen=True)
 class Config:
@@ -101,8 +100,7 @@ open_device = Arm
 """
 SENSOR = """
 from dataclasses import dataclass
-from hil.signals.device import Status
-from hil.signals.state import StateCommand, StateMachine
+from hil.signals.device import StateCommand, StateMachine, Status
 
 @dataclass(frozen=True)
 class Config:

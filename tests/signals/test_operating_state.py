@@ -3,7 +3,7 @@
 import pytest
 
 from hil.errors import DeviceError
-from hil.signals.state import TRANSITIONS, OperatingState, StateCommand, StateMachine
+from hil.signals.device import TRANSITIONS, OperatingState, StateCommand, StateMachine
 
 
 @pytest.mark.parametrize("state", OperatingState)

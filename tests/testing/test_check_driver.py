@@ -9,8 +9,7 @@ import pytest
 from hil.drivers.ft_sensor import FtSensor, FtSensorConfig
 from hil.drivers.premium import PremiumArm, PremiumConfig
 from hil.errors import DeviceError
-from hil.signals.device import Status
-from hil.signals.state import OperatingState, StateCommand
+from hil.signals.device import OperatingState, StateCommand, Status
 from hil.testing import ConformanceError, FarEnd, Tolerance, check_driver
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))

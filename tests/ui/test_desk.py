@@ -21,7 +21,7 @@ from hil.rig.open import Rig
 from hil.runtime import runner
 from hil.runtime.board import SIZE, BoardWriter, read_board
 from hil.runtime.commands import parse
-from hil.signals.state import OperatingState
+from hil.signals.device import OperatingState
 from hil.ui.desk import RATE, SILENCE, Desk
 from hil.web.site import Hosts
 

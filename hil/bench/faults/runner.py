@@ -39,9 +39,8 @@ from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.runtime.guard import Watchdog
 from hil.runtime.watchdog import beside, tripped
-from hil.signals.device import Status
+from hil.signals.device import OperatingState, Status
 from hil.signals.frame import TIMING, FrameLayout
-from hil.signals.state import OperatingState
 from hil.terminal import Found
 
 #: After the strike [s].
