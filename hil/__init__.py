@@ -39,6 +39,7 @@ _WHERE = {
     "add": "hil.diagnosis.verbs",
     "ladder": "hil.diagnosis.verbs",
     "refine": "hil.identify.simulated",
+    "widget": "hil.studio.notebook",
 }
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     "load",
     "read_model",
     "refine",
+    "widget",
     "write_model",
 ]
 

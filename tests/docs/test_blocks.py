@@ -192,6 +192,7 @@ def test_the_notebook_runs_and_shows_what_it_says(environment):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     shown = [x.partition(": ")[2] for x in done.stdout.splitlines() if x.startswith("shown: ")]
-    assert shown == ["Recording", "Comparison", "Figure", "Diagnosis", "Figure", "FitResult"]
+    kinds = ["Recording", "Comparison", "Figure", "Diagnosis", "Figure", "FitResult"]
+    assert shown == [*kinds, "LadderWidget"]
     assert "stribeck joint2 confidence" in done.stdout
     assert (folder / "better.toml").exists() and (folder / "why.html").exists()
