@@ -50,12 +50,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds",
         type=float,
         default=60.0,
-        help="of every run (loop, ui), of the session (record, determinism); default 60",
+        help="of every run (loop, ui), of the session (record, determinism, studio); default 60",
     )
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="for every parser (fuzz); default 1"
     )
-    parser.add_argument("--turns", type=int, default=5, help="of all runs (loop, ui); default 5")
+    parser.add_argument(
+        "--turns", type=int, default=5, help="of all runs (loop, ui, studio); default 5"
+    )
     parser.add_argument("--hours", type=float, default=2.0, help="length of the session (soak)")
     parser.add_argument("--starts", type=int, default=1000, help="starts and stops (soak)")
     common.add_workers(parser, " (diagnosis, real, fleet)", "--jobs")
@@ -69,7 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--report",
         metavar="R.md",
         help="write the tables too (diagnosis, real, identify, velocity, faults, loop, "
-        "determinism)",
+        "determinism, studio)",
     )
     parser.add_argument(
         "--only",
@@ -162,6 +164,10 @@ BENCHES: dict[str, NamedFunction] = {
     "ui": NamedFunction(
         "hil.bench.ui:command",
         "The loop with the operator's page open and closed: how late its ticks are",
+    ),
+    "studio": NamedFunction(
+        "hil.commands.studio:bench",
+        "How long the studio takes from Add to its answer, on three and on seven joints",
     ),
     "wrist": NamedFunction(
         "hil.bench.recordings:wrist_command",

@@ -28,7 +28,9 @@ def test_json_contract(report: identify.Report) -> None:
     out = json.loads(json.dumps(identify.data(report), allow_nan=False))
     assert {"machine", "recorded_s", "repeats", "rows", "lengths"} == set(out)
     assert {"peer", "data", "seconds", "wall", "ratio", "floor", "note"} == set(out["rows"][0])
-    assert {"recorded", "data", "seconds", "wall", "peak_mib", "verdict"} == set(out["lengths"][0])
+    keys = {"recorded", "data", "seconds", "wall", "peak_mib", "verdict", "joints"}
+    assert keys == set(out["lengths"][0])
+    assert sorted(x["joints"] for x in out["lengths"]) == [3, 3, 7, 7]
     assert out["lengths"][0]["peak_mib"] > 50
     diagnosed = [r for r in out["rows"] if r["peer"] == "hil diagnose"]
     assert all("candidates" in r["note"] for r in diagnosed)
@@ -48,7 +50,7 @@ def test_data_are_the_same_every_time() -> None:
     plain = identify.simulate(1.0, 3, False)
     np.testing.assert_array_equal(a.q, plain.q)
     # the missing effect is at most half of Coulomb friction
-    assert np.all(np.abs(a.tau - plain.tau) <= identify.PEAK * identify.FC + 1e-12)
+    assert np.all(np.abs(a.tau - plain.tau) <= identify.PEAK * identify.THREE.fc + 1e-12)
 
 
 def test_page_says_which_goals_hold():
@@ -64,3 +66,8 @@ def test_page_says_which_goals_hold():
     length = identify.Length(600.0, 1.0, 1.0, 1000.0, "adequate", "complete")
     told = identify.goals(identify.Report(60.0, 3, rows, [length])).splitlines()[2:]
     assert [line.rpartition(": ")[2] for line in told] == ["met", "missed", "met", "missed", "met"]
+    more = [
+        identify.Length(60.0, s, s, 500.0, "adequate", "complete", d) for d, s in ((3, 2), (7, 7))
+    ]
+    told = identify.goals(identify.Report(60.0, 3, rows, [length, *more])).splitlines()
+    assert told[-1] == "- seven joints, complete: 3.50 times three, goal 3: missed"
