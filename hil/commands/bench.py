@@ -162,7 +162,7 @@ BENCHES: dict[str, NamedFunction] = {
         "Teleoperation over delay: drag, stiffness that is felt, stiffest walls, virtual fixtures",
     ),
     "ui": NamedFunction(
-        "hil.bench.ui:command",
+        "hil.bench.loop:page_command",
         "The loop with the operator's page open and closed: how late its ticks are",
     ),
     "studio": NamedFunction(

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from hil.bench import loop, ui
+from hil.bench import loop
 from hil.bench.loop import SeparateProcessSession, SharedRing
 from hil.record.container import read
 from hil.rig.config import load_rig
@@ -120,30 +120,30 @@ def page_table(once_more, opened):
     """Table of two turns: p99 without a page 2 us, and of the other runs as given."""
     closed = [page_run("no page", 2.0)] * 2
     others = {"no page, once more": once_more, "page open": opened}
-    rows = [ui.page_row(closed, closed)]
+    rows = [loop.page_row(closed, closed)]
     return rows + [
-        ui.page_row([page_run(name, x) for x in p99], closed) for name, p99 in others.items()
+        loop.page_row([page_run(name, x) for x in p99], closed) for name, p99 in others.items()
     ]
 
 
 def test_a_page_within_what_two_runs_without_it_differ_by_is_not_seen():
     found = page_table((1.0, 3.0), (2.5, 3.5))
     assert found[2].p99 == (1.25, 1.5, 1.75)
-    assert "does not feel the page" in ui.page_verdict(found)
-    cells = ui.page_rows(found)
-    assert all(len(row) == len(ui.PAGE_HEAD) for row in cells)
+    assert "does not feel the page" in loop.page_verdict(found)
+    cells = loop.page_rows(found)
+    assert all(len(row) == len(loop.PAGE_HEAD) for row in cells)
     assert "1.50 (1.25-1.75)" in cells[2]
 
 
 def test_a_page_that_makes_the_loop_late_is_named():
-    assert "page open 4.50" in ui.page_verdict(page_table((1.8, 2.2), (8.0, 10.0)))
+    assert "page open 4.50" in loop.page_verdict(page_table((1.8, 2.2), (8.0, 10.0)))
 
 
 def test_without_a_browser_the_table_says_what_is_needed(monkeypatch):
     monkeypatch.setattr("shutil.which", lambda name: None)
-    opened = ui.beside_page(1.0, 1)
+    opened = loop.beside_page(1.0, 1)
     assert "Chromium" in opened.note
     closed = [page_run("no page", 2.0)]
-    found = [ui.page_row(x, closed) for x in (closed, closed, [opened])]
-    assert "nothing to compare" in ui.page_verdict(found)
-    assert "-" in ui.page_rows(found)[2]
+    found = [loop.page_row(x, closed) for x in (closed, closed, [opened])]
+    assert "nothing to compare" in loop.page_verdict(found)
+    assert "-" in loop.page_rows(found)[2]
