@@ -19,11 +19,11 @@ from hil.record.units import FACTORS, UNSCALED, scale_asked, stem_of, time_unit
 
 #: Words of a quantity, by stem of its column.
 _WORDS = {
-    "q": "q pos posn position positions angle angles theta th jointangle jointpos qpos winkel "
+    "q": "q pos posn position positions angle angles theta th jointangle jointpos qpos jp winkel "
     "lage istposition istwinkel",
     "qd": "qd dq qdot qvel vel velo veloc velocity velocities speed speeds omega thetadot dtheta "
-    "geschwindigkeit drehzahl istdrehzahl",
-    "tau": "tau torque torques trq effort efforts eff moment moments u drehmoment istmoment",
+    "jv geschwindigkeit drehzahl istdrehzahl",
+    "tau": "tau torque torques trq effort efforts eff moment moments u jf drehmoment istmoment",
     "i": "i current currents cur curr amp amps ampere amperes strom motorstrom iststrom",
     "temp": "temp temps temperature temperatures temperatur",
 }
@@ -231,24 +231,31 @@ def _called(names: Sequence[str], first: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-#: How the two parts of a time of ROS are called.
-_PARTS = {"sec": "nanosec", "secs": "nsecs"}
+#: How the two parts of a time are called, and the unit of the second [s].
+_PARTS = (
+    ("sec", "nanosec", "1e-9"),
+    ("secs", "nsecs", "1e-9"),
+    ("sec", "nsec", "1e-9"),
+    ("seconds", "nanoseconds", "1e-9"),
+    ("sec", "usec", "1e-6"),
+)
 
 
 def _of_two_parts(columns: Sequence[_Column]) -> list[_Column]:
-    """Columns with a time in seconds and nanoseconds as one; a header's stamp before others."""
+    """Columns with a time in two parts as one; a header's stamp before others."""
     names = {c.name for c in columns}
     found = {}
-    for whole, rest in _PARTS.items():
+    for whole, rest, unit in _PARTS:
         for n in names:
             head = n.removesuffix(whole)
             if n.endswith(whole) and not n.endswith(rest) and head + rest in names:
-                found[n] = head + rest
+                found[n] = head + rest, unit
     if not found:
         return list(columns)
     first = min(found, key=lambda n: ("stamp" not in n, len(n), n))
-    text = f"{{ sum = {{ {_quoted(first)} = 1, {_quoted(found[first])} = 1e-9 }} }}"
-    others = [c for c in columns if c.name not in (first, found[first]) and c.stem != "t"]
+    rest, unit = found[first]
+    text = f"{{ sum = {{ {_quoted(first)} = 1, {_quoted(rest)} = {unit} }} }}"
+    others = [c for c in columns if c.name not in (first, rest) and c.stem != "t"]
     return [_Column(first, "t", rule=text), *others]
 
 

@@ -198,7 +198,32 @@ def _load(path: Path) -> Arrays:
 
 @functools.lru_cache(maxsize=1)  # a file of many runs is read once for all of them
 def _load_once(path: Path, _: int) -> Arrays:
-    return read_arrays(path)
+    return _by_run(read_arrays(path))
+
+
+#: Last words of names that say what a run is for, where runs have the same length.
+_FOR = frozenset("train training test testing val valid validation est estimation ident".split())
+
+
+def _by_run(data: Arrays) -> Arrays:
+    """Arrays of several runs by run: ``y_train`` and ``y_test`` are ``y`` of *train* and *test*.
+
+    So it is where every array has such an ending, every run has the same arrays, all of one length,
+    and the lengths differ from run to run or the endings say what the runs are for.
+    """
+    series = {k: v for k, v in _plain(data).items() if v.ndim in (1, 2) and v.size > 1}
+    if len(series) < 4 or len(_plain(data)) < len(data):
+        return data
+    runs: dict[str, dict[str, Array]] = {}
+    for name, values in series.items():
+        head, cut, run = name.rpartition("_")
+        if not (head and cut and run):
+            return data
+        runs.setdefault(run, {})[head] = values
+    lengths = [{max(v.shape) for v in run.values()} for run in runs.values()]
+    whole = all(len(n) == 1 for n in lengths) and len(set(map(frozenset, runs.values()))) == 1
+    apart = len(set().union(*lengths)) == len(runs) or {r.lower() for r in runs} <= _FOR
+    return dict(runs) if len(runs) > 1 and whole and apart else data
 
 
 def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> ForeignTable:

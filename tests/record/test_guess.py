@@ -399,6 +399,20 @@ def test_the_first_row_of_a_ros_log_says_whose_each_number_is():
     assert found.columns["q1"] == "field.position1" and found.columns["tau2"] == "field.effort0"
 
 
+def test_a_log_of_dvrk_has_its_own_words_and_a_time_of_two_parts():
+    each = [f"{kind}_{k}" for kind in ("jp", "jv", "jf", "setpoint_jp") for k in range(2)]
+    found = propose(("stamp_sec", "stamp_nsec", *each))
+    assert parse_map(tomllib.loads(found.text)).arms[""]["t"].terms == {
+        "stamp_sec": 1.0, "stamp_nsec": 1e-9
+    }  # fmt: skip
+    told = {k: v for k, v in found.columns.items() if k != "t"}
+    assert told == {
+        "q1": "jp_0", "q2": "jp_1", "qd1": "jv_0", "qd2": "jv_1", "tau1": "jf_0", "tau2": "jf_1"
+    }  # fmt: skip
+    other = parse_map(tomllib.loads(propose(("sec", "usec", "q", "tau")).text))
+    assert other.arms[""]["t"].terms == {"sec": 1.0, "usec": 1e-6}
+
+
 def test_seconds_and_nanoseconds_are_one_time():
     head = "/joint_states/header/stamp/"
     found = propose((f"{head}sec", f"{head}nanosec", "__time", "position_0", "effort_0"))

@@ -27,7 +27,7 @@ from hil.record.checks import check
 from hil.record.guess import propose
 from hil.record.mapfile import parse_map, read_map
 from hil.record.mcap_read import load
-from hil.record.table_files import open_table, text_table
+from hil.record.table_files import open_table, run_names, text_table
 from hil.record.tables import import_table
 
 
@@ -986,6 +986,38 @@ def test_arrays_with_a_sample_a_column_are_turned_and_it_is_said(tmp_path, run, 
     square = {**_rows_of_samples(run), "other": np.zeros((200, 2))}
     savemat(tmp_path / "both.mat", square)
     assert "u200" in open_table(tmp_path / "both.mat").names
+
+
+def _of_two_runs(run, test):
+    """As benchmarks have it: inputs and outputs to fit and to test on, in one file."""
+    return {
+        "time_train": run.t[None, :200], "u_train": run.tau[:200].T, "y_train": run.q[:200].T,
+        f"time_{test}": run.t[None, :90], f"u_{test}": run.tau[:90].T, f"y_{test}": run.q[:90].T,
+    }  # fmt: skip
+
+
+def test_arrays_of_two_runs_in_one_file_are_two_runs(tmp_path, run, capsys):
+    savemat(tmp_path / "run.mat", _of_two_runs(run, "test"))
+    assert run_names(tmp_path / "run.mat") == ["train", "test"]
+    names = {"t": "time", "q1": "y1", "q2": "y2", "tau1": "u1", "tau2": "u2"}
+    for name, n in (("train", 200), ("test", 90)):
+        found = import_table(tmp_path / "run.mat", parse_map({"columns": names}), run=name)
+        assert np.array_equal(found.recordings[0].q, run.q[:n])
+        assert np.array_equal(found.recordings[0].tau, run.tau[:n])
+
+
+def test_arrays_of_one_length_with_alike_endings_are_one_run(tmp_path, run):
+    alike = {f"{k}_{arm}": run.t[:200] + n for n, arm in enumerate(("a", "b")) for k in ("q", "u")}
+    np.savez(tmp_path / "run.npz", **alike)
+    assert run_names(tmp_path / "run.npz") == []
+    assert open_table(tmp_path / "run.npz").names == tuple(alike)
+    # the endings say it where the lengths do not
+    same = {f"{k}_{run_}": run.t[:200] for run_ in ("train", "val") for k in ("q", "u")}
+    np.savez(tmp_path / "same.npz", **same)
+    assert run_names(tmp_path / "same.npz") == ["train", "val"]
+    # an array more belongs to no run
+    np.savez(tmp_path / "more.npz", **_of_two_runs(run, "x"), gain=run.t[:7])
+    assert run_names(tmp_path / "more.npz") == []
 
 
 def test_a_bare_array_with_a_sample_a_column_is_turned(tmp_path, frame):
