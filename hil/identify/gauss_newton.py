@@ -48,9 +48,11 @@ from hil.identify.regression import (
     Basis,
     basis,
     cluster_covariance,
+    decomposed,
     extended,
     least_squares,
     time_blocks,
+    unit_scale,
 )
 from hil.identify.result import FitResult
 from hil.identify.solve import Drawn, limits, noise_to_signal, solve, solved
@@ -385,11 +387,10 @@ class _Carried:
         also = np.zeros((len(drawn), rows.shape[1]))
         also[:, : free.size] = drawn * free
         rows = np.concatenate([rows * w[:, None], also])
-        norm = np.linalg.norm(rows, axis=0)
-        norm = np.where(norm > 0.0, norm, 1.0)
+        norm, live = unit_scale(np.linalg.norm(rows, axis=0))
         # what neither the data nor the description determines stays where it is
         right = np.concatenate([self.residual.reshape(-1) * w, self.beside[1]])
-        return least_squares(rows / norm, right, DETERMINED) / norm, ranges
+        return least_squares(rows * live / norm, right, DETERMINED) / norm, ranges
 
     def moved(
         self, step: tuple[FloatArray, dict[ShapeAt, tuple[float, float]]], part: float
@@ -425,9 +426,8 @@ def through_load(
     every, _ = stack(problem, [t for t, s in zip(terms, slices, strict=True) if some[s].any()])
     joints = sorted({t.joint for t, _ in passing})
     own = every.reshape(problem.d, problem.n, -1)[joints].reshape(len(joints) * problem.n, -1)
-    norm = np.linalg.norm(own, axis=0)
-    norm = np.where(norm > 0, norm, 1.0)
-    _, size_of, along = np.linalg.svd(own / norm, full_matrices=False)
+    norm, live = unit_scale(np.linalg.norm(own, axis=0))
+    _, size_of, along = decomposed(own * live / norm)
     count = int(np.sum(size_of[:DIRECTIONS] > LEAST_DIRECTION * size_of[0]))
     step = LOAD_STEP * max(float(np.linalg.norm(theta[some] * norm)), 1e-300)
     rest = _passed(problem, terms, theta, slices, passing)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import plants
 import pytest
 
 import hil
+from hil.record.recording import RobotSource
 
 #: Motor and link [kg m^2], spring [N m/rad], its damping [N m s/rad], weight of the link [N m].
 MOTOR, LINK, SPRING, DAMPING, WEIGHT = 0.09, 0.28, 180.0, 0.6, 9.0
@@ -54,3 +57,24 @@ def test_a_spring_near_its_resonance_is_as_good_on_another_run(weight: float) ->
     assert k.value * a.value == pytest.approx(SPRING, rel=0.03)
     if weight:  # only the weight tells the motor's inertia from the link's
         assert abs(k.value - SPRING) < 3 * k.stderr
+
+
+#: The same link on a motor, as somebody describes it: a weight of 3 kg, 0.3 m below its axis.
+DESCRIBED = (
+    '<robot name="swing"><link name="world"/><link name="link"><inertial><origin xyz="0 0 -0.3"/>'
+    '<mass value="3"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    '</inertial></link><joint name="joint1" type="revolute"><parent link="world"/>'
+    '<child link="link"/><axis xyz="0 -1 0"/>'
+    '<limit lower="-3" upper="3" effort="9" velocity="30"/></joint></robot>'
+)
+
+
+def test_what_a_run_does_not_show_of_a_described_link_stays_as_described() -> None:
+    run = replace(swinging(1, WEIGHT), robot=RobotSource("", DESCRIBED))
+    fitted = hil.fit([run], hil.base_model(run.robot) + "elastic-transmission")
+    values = {n.rpartition(".")[2]: v.value for n, v in fitted.values.items() if "rigid" in n}
+    for name, described in {"m": 3.0, "my": 0.0, "Ixx": 0.28, "Ixy": 0.0, "Izz": 0.01}.items():
+        assert values[name] == pytest.approx(described, rel=1e-6, abs=1e-6), name
+    # the inertia about the axis and the weight are seen
+    assert values["Iyy"] == pytest.approx(LINK, rel=0.03)
+    assert values["mz"] == pytest.approx(-WEIGHT / 9.81, rel=0.1)
