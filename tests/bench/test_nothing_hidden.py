@@ -1,4 +1,4 @@
-"""Sessions of the diagnosis benchmark with nothing hidden that once got a name."""
+"""Sessions of the diagnosis benchmark that once got a false name."""
 
 import pytest
 
@@ -19,3 +19,11 @@ def test_nothing_is_named_where_nothing_is_hidden(name):
     (case,) = (c for c in cases.plan() if c.name == name)
     row = runner.judge(case)
     assert (row["outcome"], row["verdict"]) == ("right", "adequate"), row["named"]
+
+
+def test_a_small_load_at_the_tip_is_not_surely_an_offset():
+    """What it does on one joint is an offset there, but it acts on others, too."""
+    name = "payload@1x0.5/arm/white/strokes/0"
+    (case,) = (c for c in cases.plan() if c.name == name)
+    row = runner.judge(case)
+    assert row["outcome"] in ("right", "ambiguous"), row["named"]
