@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="S.mcap",
         nargs="+",
-        help="the same by name, where sessions do not stand behind the effect",
+        help="the sessions, where they do not follow the effect on the command line",
     )
     common.add_holdout(parser)
     common.add_sources(parser)

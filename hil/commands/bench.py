@@ -37,14 +37,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ablate",
         action="store_true",
-        help="without each rule of the search in turn, where it alone stopped something: "
-        "which answers change (diagnosis)",
+        help="take out each rule of the search in turn, where it alone stopped something, and "
+        "print which answers change (diagnosis)",
     )
     parser.add_argument(
         "--halve",
         action="store_true",
-        help="with each decision constant halved and doubled in turn, on ten sessions of "
-        "--quick: which answers change (diagnosis)",
+        help="halve and double each decision constant in turn, on ten sessions of --quick, and "
+        "print which answers change (diagnosis)",
     )
     parser.add_argument(
         "--seconds",
@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume",
         metavar="R.jsonl",
-        help="keep every result in this file, and do not do again what it holds (diagnosis, real); "
+        help="keep every result in this file, and skip results that it holds (diagnosis, real); "
         "add the turns to those of this file (fuzz; with --minutes 0 only their table)",
     )
     parser.add_argument(

@@ -100,9 +100,9 @@ def tell_page(what: str, here: str, there: str, power: str, browser: bool) -> No
         terminal.out(f"From another machine: {there}")
     if there:
         terminal.out(
-            f"warning: Who has this address {power}. It is sent unencrypted: use it within the "
-            "network of the lab alone. For any other, leave out --host and reach the page through "
-            "a tunnel (ssh -L)."
+            f"warning: Anyone who has this address {power}. The data are not encrypted: use --host "
+            "only within the network of the lab. From elsewhere, leave out --host and use a tunnel "
+            "(ssh -L)."
         )
     if browser:
         webbrowser.open(here)

@@ -378,7 +378,7 @@ def coupling_text(name: str, found: gate.CoupledMargin, period: float, trouble: 
             f"  REFUSED: {trouble}"
             if trouble
             else f"  may run: no mode grows by more than {gate.DRIFT:g} /s, which friction ends",
-            "  'hil run' asks for the same, without more delay",
+            "  'hil run' checks the same, without more delay",
         ]
     )
 
@@ -467,7 +467,7 @@ def delayed_text(
         for what, way in (("there", law.forward), ("back", law.backward))
     ]
     rows = [[what, f"{value:.3g}"] for what, value in asked.items()]
-    verdict = f"REFUSED: {trouble}" if trouble else "may run: all of it is below"
+    verdict = f"REFUSED: {trouble}" if trouble else "may run: all values are below"
     loop = [
         f"  gain round leader, channel and follower: {ringing:.2g}; it must be below 1, or the",
         "  force that goes round rings at the resonance of rotors and cables",
@@ -477,7 +477,7 @@ def delayed_text(
             f"law {DELAYED}, scheme {law.scheme}; {'; '.join(ways)}",
             "",
             terminal.table(["spring and damper", "K T + 2 B [N s/m]"], rows),
-            f"  each must be below {most:.3g} N s/m: more, a rotor before its cable does not bear",
+            f"  each must be below {most:.3g} N s/m; with more, a rotor swings against its cable",
             *(loop if ringing else ()),
             "",
             "  delay          " + ("\n" + 17 * " ").join(_CHANNEL[law.scheme]),

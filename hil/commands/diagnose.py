@@ -140,7 +140,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     if commands:
         lines.append("  - For a model that predicts motions like these, without a new name:")
     lines += commands
-    lines.append("  - All parameters, every step, what stays unclear: --verbose, --report R.html")
+    lines.append("  - All parameters, all steps and open questions: --verbose, --report R.html")
     return "\n".join(lines)
 
 
@@ -183,7 +183,7 @@ def _telling(f: Finding, contribution: str = "") -> str:
     if not sized and (name := _surest(short, size or shaped)):
         return common.value_line(name, short[name])
     if contribution:
-        return f"{contribution} rms in all; no value is determined"
+        return f"{contribution} rms in total; no value is determined"
     return _undetermined(short, [*sized, *shaped, *own])
 
 
@@ -261,8 +261,8 @@ def _names_table(d: Diagnosis) -> str:
 #: Share of all that is to be explained below which the answer says of what it is one.
 OF_ALL = 0.01
 EXPLAINS = (
-    "explains %: of the squared error above the noise floor before anything was added, beside "
-    "which what a later effect does may be little"
+    "explains %: share of the squared error above the noise floor before any effect was added; "
+    "the share of a later effect may therefore be small"
 )
 
 
@@ -466,13 +466,13 @@ def add_groups(parser: argparse.ArgumentParser) -> None:
         "--by",
         choices=("robot", "folder", "session"),
         help="what is diagnosed together: all sessions of a robot (default), those of a robot in "
-        "one folder, or each session alone; the folders in a folder are looked into, too",
+        "one folder, or each session alone; subfolders are searched, too",
     )
     common.add_workers(group)
     group.add_argument(
         "--keep",
         metavar="FOLDER",
-        help="keep every finished answer there; what is there is not diagnosed again",
+        help="keep every finished answer in this folder; a session with an answer there is skipped",
     )
 
 

@@ -467,8 +467,8 @@ def limits(margins: list[Margin], space: Space) -> str:
     if not said:
         return table
     return (
-        f"{table}\n  assumed, as the robot states none: {', '.join(said)}; write what is true into "
-        "the URDF, or into the arm of a rig file"
+        f"{table}\n  assumed, as the robot states none: {', '.join(said)}; write the true values "
+        "into the URDF, or into the arm of a rig file"
     )
 
 
@@ -501,7 +501,7 @@ def beside(args: argparse.Namespace, joints: int) -> str:
     if not args.joint or joints == 1:
         return ""
     return (
-        "\nJoints that only hold their place beside it say little: diagnose it together with a "
+        "\nThe other joints only hold their place and show little: diagnose it together with a "
         "session in which all of them move,\n  hil diagnose FIRST.mcap SESSION.mcap --model M.toml"
     )
 

@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seeds",
         type=int,
         default=None,
-        help="so many seeds; means with their 95 %% intervals (default: one run, without)",
+        help="number of seeds; means with 95 %% intervals (default: one run without intervals)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="two seeds, and less of each; the answer says what"
@@ -54,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep",
         metavar="FOLDER",
-        help="keep every finished run there; what is there is not run again",
+        help="keep every finished run in this folder; runs found there are not repeated",
     )
     parser.add_argument(
         "--report", metavar="PAGE.md", help="write the page, its figure beside it (10 seeds)"
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     args.seeds = args.seeds or 0
     if args.all == bool(args.name):
         raise ConfigError(
-            "give the name of one study, or --all; 'hil experiment --help' tells them"
+            "give the name of one study, or --all; 'hil experiment --help' lists them"
         )
     if args.all:
         return _every(args)

@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         required=True,
         metavar="TARGET",
         choices=[*target.names(), TABLE],
-        help=f"{_told()}; {TABLE}: the samples of a session as a table, one an arm",
+        help=f"{_told()}; {TABLE}: the samples of a session as a table, one per arm",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="write it here")
     parser.add_argument(
@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--feasible",
         action="store_true",
-        help="where masses or inertias are those of no body, take the nearest feasible ones",
+        help="if no real body has these masses or inertias, take the nearest feasible ones",
     )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 

@@ -42,13 +42,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="SECONDS",
-        help="length of the simulations that matter (with --simulate); without, the longest of "
-        "0.25 to 8 s in which the model stays in range",
+        help="length of the simulations (with --simulate); default: the longest of 0.25 to 8 s in "
+        "which the model stays in range",
     )
     how.add_argument(
         "--free-run",
         action="store_true",
-        help="whole sessions matter, simulated from their first state (with --simulate)",
+        help="simulate whole sessions from their first state (with --simulate)",
     )
     parser.add_argument(
         "--holdout",
@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="H.mcap",
         help="session on which both errors are shown before and after (with --simulate; "
-        "repeatable); it chooses nothing",
+        "repeatable); it does not influence the fit",
     )
 
 
@@ -159,7 +159,7 @@ def _described(result: FitResult) -> str:
         return ""
     count = len(result.of_description())
     return (
-        f"\n  the data find the masses of the robot description right to about "
+        f"\n  by the data, the masses of the robot description are right to about "
         f"{100 * result.pull.error:.2g} %; {plural(count, 'value')} of {len(result.values)} "
         "come mostly from it, and the standard errors are of the data alone"
     )

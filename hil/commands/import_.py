@@ -470,7 +470,7 @@ def preview(table: Path, found: Imported) -> str:
     parts += found.notes
     parts += [f"not used: {', '.join(families(found.unused))}"] if found.unused else []
     return (
-        "\n".join([*parts, "nothing was written; with -o S.mcap in place of --dry-run it is"])
+        "\n".join([*parts, "nothing was written; to write it, give -o S.mcap instead of --dry-run"])
         + "\n"
     )
 

@@ -267,7 +267,7 @@ def _end(found: SessionSummary) -> list[str]:
     """That a session did not end by itself, or is what was left of another one."""
     told = [found.end.text if found.end else "", found.recovered]
     if found.recovered and found.end is None:
-        told.append("its end is not in it: what the loop did after the last row is not known")
+        told.append("its end is missing: what the loop did after the last row is not known")
     rows = [f"  {text}" for text in told if text]
     return [*rows, ""] if rows else []
 
@@ -349,7 +349,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     lines += [*_stops(found), *_end(found)]
     trip, named = _trip(found), _executables(found)
     lines += [f"  {in_words(trip)}", ""] if trip else []
-    lines += [f"  {text}; nothing of it runs because the session is read" for text in named]
+    lines += [f"  {text}; reading the session runs nothing of it" for text in named]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:
@@ -372,7 +372,7 @@ def _other_tools(found: SessionSummary) -> str:
     if not whole:
         return (
             "Other tools: one that needs the index (Foxglove, mcap info) refuses the file; a "
-            "streaming one (mcap cat, mcap recover) reads up to the first byte that is not right."
+            "streaming one (mcap cat, mcap recover) reads up to the first wrong byte."
         )
     return (
         "Other tools: one that uses the index opens the file, and shows wrong numbers in the "

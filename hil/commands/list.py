@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     terminal.out(f"\n{plural(len(rows), 'session')}{tagged} of {len(paths)}")
     if kinds := [by for by in _CHANGED if any(r.recorded_by == by for r in rows)]:
         whose = " or ".join(_CHANGED[by] for by in kinds)
-        terminal.out(f"* the recording says no date; this is the last change of {whose}")
+        terminal.out(f"* the recording has no date; this is the last change of {whose}")
     return 0
 
 

@@ -25,13 +25,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=NUMBER",
         dest="changes",
-        help="another parameter of the law: what would it have commanded? repeatable",
+        help="change a parameter of the law, and show what it would have commanded (repeatable)",
     )
     parser.add_argument(
         "--against",
         metavar="T.mcap",
-        help="replay nothing; tell the first difference of the session and this one, e.g. of the "
-        "same seed on another machine or Python",
+        help="do not replay; print the first difference between the session and this one, e.g. of "
+        "the same seed on another machine or Python",
     )
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 

@@ -110,7 +110,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--split",
         metavar="SIZE",
-        help="go on in a new file after so much: '10 min', '90 s', '500 MB', '2 GB'",
+        help="continue in a new file after a time or size: '10 min', '90 s', '500 MB', '2 GB'",
     )
     parser.add_argument(
         "--sync",
@@ -359,7 +359,7 @@ def limited(count: int, ticks: int) -> str:
         return str(count)
     return (
         f"{count}, {100 * share:.1f} % of the ticks: the law asks for more than torque_limit, and "
-        "is not the law that was designed there; lower its stiffness, or press less"
+        "does not act as designed there; lower its stiffness, or press less"
     )
 
 

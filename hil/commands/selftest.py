@@ -43,9 +43,9 @@ AGREES = 0.1
 WILD = 30.0
 #: Why arms of a URDF get no pulses.
 UNDRIVEN = (
-    "not driven: pulses are for arms that balance themselves, and nothing would bear this one's "
-    "weight between them; hold a posture with 'hil run RIG.toml --seconds 5', one hand at the "
-    "emergency stop"
+    "not driven: pulses are for arms that balance themselves; between pulses nothing would hold "
+    "the weight of this arm. Hold a posture with 'hil run RIG.toml --seconds 5' instead, one hand "
+    "at the emergency stop"
 )
 #: Largest rest of drives that measure finer than an encoder [rad or m].
 STILL = 1e-3

@@ -61,7 +61,7 @@ def entry(what: Executable) -> dict[str, object]:
 
 def line(what: Executable) -> str:
     """One line of a list."""
-    agreed = "agreed to" if what.trusted else "NOT agreed to: 'hil trust' does"
+    agreed = "agreed to" if what.trusted else "NOT agreed to; to agree: hil trust"
     brings = f", which imports {', '.join(what.parts)}" if what.parts else ""
     return f"{what.kind} {what.text}{brings} ({agreed})"
 

@@ -84,7 +84,7 @@ class Scene:
         """Margin of the gains in force; computed beside, the last one until it is there."""
         law = self._config.controller.name
         if law not in LOOPS:
-            text = f"No margin is computed for the law {law!r}; that of 'lawrence' is."
+            text = f"No margin is computed for the law {law!r}, only for 'lawrence'."
             return {"level": "", "text": text, "axes": []}
         asked = _parameters(self._config, law, session.get("values") or {})
         with self._lock:
@@ -124,9 +124,9 @@ def margins_of(law: str, parameters: Any, period: float) -> dict[str, Any]:
     worst = max(found, key=lambda m: m.radius)
     delay = min(m.delay_s for m in found)
     stable = delay > 0.0
-    borne = "no delay matters" if np.isinf(delay) else f"{1e3 * delay:.3g} ms of delay are borne"
+    borne = "with any delay" if np.isinf(delay) else f"with up to {1e3 * delay:.3g} ms of delay"
     text = (
-        f"Stable with all declared operators and environments; {borne}."
+        f"Stable with all declared operators and environments, {borne}."
         if stable
         else f"Unstable on axis {worst.axis}: {worst.pair}."
     )

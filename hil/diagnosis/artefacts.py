@@ -288,8 +288,8 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         (
             BLURRED,
             f"{joint}: {100 * share[j]:.0f} % of the squared error comes from the filter at "
-            "reversals, not from a missing effect: dry friction turns there faster than the "
-            "position filter lets pass. If so, a wider filter lowers it (position_hz above "
+            "reversals, not from a missing effect: dry friction changes there faster than the "
+            "position filter can follow. A wider filter then lowers it (position_hz above "
             f"{result.problem.rates.position:.3g} under [signal] in the model file)",
         )
         for j, joint in enumerate(result.problem.joints)
@@ -448,7 +448,7 @@ def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
             ROUNDED,
             "The motors get the recorded efforts rounded to steps of a converter: "
             f"{', '.join(told)}. This is taken into account (effort_step under [signal] in the "
-            "model file; [0.0] to change nothing)",
+            "model file; [0.0] to switch it off)",
         )
     ]
 

@@ -163,7 +163,7 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[tuple[
     if len(said) > 1:
         text += (
             f". With the positions in another order it fits as well ({said[1][1]}): the program "
-            "that wrote the table knows which of the two it exchanged; change one of them alone"
+            "that wrote the table knows which of the two it exchanged; change only one of them"
         )
     return [(HALF * least, "swapped", text)]
 
@@ -172,10 +172,10 @@ def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple
     """What columns are taken in another order, and what a map says of them."""
     moved = [k for k, column in enumerate(order) if k != column]
     names = [f"{stem}{k + 1}" for k in moved]
-    how = "swapped: exchanged" if len(moved) == 2 else "in the wrong columns: put in order"
+    how = "swapped" if len(moved) == 2 else "in the wrong columns"
     what = f"{', '.join(names[:-1])} and {names[-1]} ({', '.join(joints[k] for k in moved)})"
     taken = [f"{stem}{k + 1} from the column of {stem}{order[k] + 1}" for k in moved]
-    return f"{what} are {how}, the model fits", ", ".join(taken)
+    return f"{what} are {how}: in the other order the model fits", ", ".join(taken)
 
 
 def _followed(problem: Problem) -> list[int]:
@@ -273,12 +273,14 @@ def _changes(
     A joint whose effort is another one's fits badly, and so does the other one's.
     """
     d, bad = len(joints), error > 100 * TENTH
-    order, fits = list(range(d)), "turned round, the model fits; change its sign in a map"
+    order, fits = list(range(d)), "with the other sign the model fits; change it in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
     if d > 1 and (2 * np.sum(error > 100 * OPEN) >= d or not np.any(bad)):
-        text = "all efforts have the wrong sign: turned round, the model fits; change them in a map"
+        text = (
+            "all efforts have the wrong sign: with the other one the model fits; change it in a map"
+        )
         yield "sign", text, order, np.full(d, -1.0)
     for a, b in combinations(np.flatnonzero(bad).tolist(), 2):
         swapped = _exchanged(order, a, b)
@@ -540,7 +542,7 @@ def _of_order(joints: tuple[str, ...], order: list[int]) -> str:
     moved = [(joint, k + 1) for joint, k in zip(joints, order, strict=True)]
     said = [f"{joint} is q{k} and tau{k}" for n, (joint, k) in enumerate(moved) if k != n + 1]
     return (
-        "the columns do not stand in the order of the robot description's joints. Name them in a "
+        "the columns are not in the order of the joints in the robot description. Name them in a "
         f"map ({', '.join(said)})"
     )
 

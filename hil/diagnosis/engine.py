@@ -311,7 +311,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
 
 
 #: Why a name does not stand that came to nothing.
-EMPTIED = "nothing is left of it beside the correction that the rest needs"
+EMPTIED = "nothing is left of it beside the correction for the remaining error"
 
 
 def withdrawn(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
@@ -386,8 +386,8 @@ def with_laws(made: list[UnnamedCorrection], search: Search) -> list[UnnamedCorr
 
 #: What names mean where the geometry is unknown.
 MEANS = (
-    "Sums of sines and cosines without a name stand for what these do; a name says what is left "
-    "beside them, and what gravity could be gets none."
+    "Sums of sines and cosines without a name replace these. Effects are named only for the error "
+    "that is left beside these sums; what may be gravity gets no name."
 )
 
 
@@ -463,7 +463,7 @@ def weightless(every: list[Finding], named: list[Named], result: FitResult) -> l
         felt = bool(against) if effect.scope.whole else n.candidate.joint in against
         if felt and effect.family in (*SOLID, "contact"):
             names = ", ".join(result.problem.joints[j] for j in against)
-            why = f"beside it gravity of {names} acts upwards, and no masses do that"
+            why = f"beside it the gravity of {names} acts upwards, which no masses can do"
             f = replace(f, confidence=min(f.confidence, HALF), reason=why)
         out.append(f)
     return out
@@ -614,8 +614,8 @@ def _explain(
     return [
         (
             float(lost < 1.0),
-            f"with the names the left-out error is still {100 * lost:.0f} % of the effort: no "
-            "model at all would foretell as much",
+            f"with the named effects the left-out error is still {100 * lost:.0f} % of the effort: "
+            "no model at all would predict as well",
         ),
         (
             own,
@@ -623,8 +623,11 @@ def _explain(
             if what
             else "left-out data show little of what it explains",
         ),
-        (everywhere, f"the names explain {100 * max(everywhere, 0.0):.0f} % {above}"),
-        (held, f"on the held-out runs the names explain {100 * max(held, 0.0):.0f} % {above}"),
+        (everywhere, f"the named effects explain {100 * max(everywhere, 0.0):.0f} % {above}"),
+        (
+            held,
+            f"on the held-out runs the named effects explain {100 * max(held, 0.0):.0f} % {above}",
+        ),
     ]
 
 

@@ -375,10 +375,10 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
 def _structural(s: _Set, choice: Choice) -> str:
     """Why no motion tells a set apart."""
     left = 100 * (1 - choice.everything.share)
-    why = f"even all motions of the menu together leave {left:.1f} % of it to the other"
+    why = f"in all motions of the menu together, the other still explains {left:.1f} % of it"
     if f"{left:.1f}" == "100.0":
-        who = "the model's own parameters do" if len(s.among) == 1 else "the other does"
-        why = f"whatever this robot does, {who} all of it as well"
+        who = "the model's own parameters explain" if len(s.among) == 1 else "the other explains"
+        why = f"in every motion of this robot, {who} all of it as well"
     unfelt = f"; its joints never feel {' or '.join(choice.unfelt)}" if choice.unfelt else ""
     return f"structural: {why}{unfelt}"
 
@@ -411,7 +411,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     command = " ".join([*words, "--motion", motion, *output_words(problem)])
     where, about = "" if whole else f" of {joint}", choose.describe(motion, problem.d)
     text = (
-        f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} foreseen{now}"
+        f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} expected{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
         + f"): {command}"
     )

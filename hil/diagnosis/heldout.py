@@ -485,10 +485,10 @@ def _covariance(f: FitResult) -> FloatArray:
 
 
 DIFFER, SAID = "sessions-differ", "the sessions differ"
-BOTH = "Give the held-out session to the fit, too, and hold out another one"
+BOTH = "Fit the held-out session, too, and hold out another one"
 ADVICE = (
-    f"{BOTH}, set what belongs to a day under [offsets] in "
-    "the map file, or record anew in one state of the rig"
+    f"{BOTH}, set values that change from day to day under [offsets] in the map file, or record "
+    "again in one state of the rig"
 )
 
 
@@ -559,14 +559,14 @@ def _values(pair: _Pair, j: int, over: float) -> str:
     if foretold(pair.fitted, pair.alone, j) < CERTAIN:
         return (
             f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "
-            f"determine what {pair.theirs} needs"
+            f"determine the parameters that matter in {pair.theirs}"
         )
     why, alike = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
     if over > NEAR_FLOOR and not alike:
         return (
-            f"{joint}: {text}. The model is incomplete (a session that it is fitted to keeps up to "
-            f"{over:.1f} times its noise floor), and its parameters differ between sessions for "
-            "that reason"
+            f"{joint}: {text}. The model is incomplete (the error of a fitted session is up to "
+            f"{over:.1f} times its noise floor). Its parameters differ between sessions for that "
+            "reason"
         )
     left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
     lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""

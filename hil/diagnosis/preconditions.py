@@ -59,8 +59,8 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
 def _slow(problem: Problem, speed: FloatArray) -> str:
     """What the joints move, what that drowns in, and what helps."""
     parts = [
-        f"{joint} moves at {v:.2g} {unit}/s (rms), and the encoder's steps make {noise:.2g} "
-        f"{unit}/s"
+        f"{joint} moves at {v:.2g} {unit}/s (rms), and the steps of the encoder give a noise of "
+        f"{noise:.2g} {unit}/s"
         for joint, v, noise, unit in zip(
             problem.joints, speed, problem.speed_noise, problem.robot.units, strict=True
         )
@@ -253,8 +253,8 @@ def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
     return [
         (
             LOST,
-            f"{names}: the fitted model foretells left-out data worse than no model at all. Its "
-            "values are no masses and no friction. Look for what the model is not told: does "
+            f"{names}: the fitted model predicts left-out data worse than no model at all. Its "
+            "values are not those of masses and friction. Look for a cause outside the model: does "
             "something touch the robot (give its force, or cut these stretches), do efforts and "
             "positions belong to the same joint, are their units right?",
         )
@@ -270,7 +270,7 @@ def _other_gravity(every: Sequence[Weighed]) -> str:
     for times, seen, why, text in (
         (
             0.0,
-            "the efforts hold no gravity",
+            "the efforts contain no gravity",
             "are they too small by the ratio of a gear or by a unit? Or were they recorded after a "
             "gravity compensation, or does the robot lie flat?",
             "0 0 0",
@@ -279,7 +279,7 @@ def _other_gravity(every: Sequence[Weighed]) -> str:
     ):
         if every and all(abs(w.ratio - times) < TENTH for w in every):
             return (
-                f"{seen}: the data give {times:.0f} times what the robot description says, on "
+                f"{seen}: the data give {times:.0f} times the gravity of the robot description, on "
                 f"{plural(len(every), 'joint')}; {why} Then write <gravity>{text}</gravity> within "
                 "<robot> of the URDF and import again"
             )
@@ -304,21 +304,20 @@ def contradicted(result: FitResult) -> list[tuple[str, str]]:
                 "stretches), or does gravity act in another direction than described?"
                 if _upwards(w)
                 else f"Check the masses and centres of mass that {joint} carries, the zeros of the "
-                "positions, and whether a spring or a counterweight that the description does not "
-                "have balances them"
+                "positions, and whether the description lacks a spring or a counterweight"
             )
             out.append(
                 (
                     GRAVITY,
-                    f"gravity of {joint}: the data give {w.ratio:.2f} times what the robot "
-                    f"description says (standard error {w.stderr:.2g}). {advice}",
+                    f"gravity of {joint}: the data give {w.ratio:.2f} times the value of the robot "
+                    f"description (standard error {w.stderr:.2g}). {advice}",
                 )
             )
     return out
 
 
 #: Words of a gravity that acts against the description.
-NO_MASSES = "No masses do that"
+NO_MASSES = "No masses can do that"
 
 
 def _upwards(w: Weighed) -> bool:

@@ -60,11 +60,11 @@ CHANGED, BENT = "changed", "curved-in-temperature"
 INSTANTS, AROUND = 15, 16
 #: Share of a column below which it is the model's own.
 OWN_SHARE = 1e-4
-CAUSE = "a gain that was set, a screw come loose, something that leans on it, a part that warms up?"
+CAUSE = "was a gain changed, is a screw loose, does something touch it, does a part warm up?"
 #: What to do where a value changed within a run, and where a whole run has another one.
 CUT_THERE = "Give what was recorded before and after that instant as two sessions"
 FIT_APART = (
-    "Fit the sessions of one state of the rig together, and leave that one out or fit it by itself"
+    "Fit the sessions of one state of the rig together, and leave that session out or fit it alone"
 )
 #: What may change, and its unit.
 VALUES = (
@@ -477,7 +477,7 @@ def _swings(k: float, runs: list[FloatArray], rate: float) -> str:
     does = "swings from side to side"
     return (
         f"the remaining error {does}, at {where}. It is not noise (kurtosis {k:.2g}; noise 0, sine "
-        "-1.5, switch -2): something acts there that does not follow from the motion"
+        "-1.5, switch -2): something acts that does not follow from the motion"
     )
 
 

@@ -173,7 +173,7 @@ def _detected(case: RuleCase) -> str:
     """Family-wise, by sign flips of blocks of noise."""
     if case.rated.candidate.p_value <= LEVEL:
         return ""
-    return "by chance the best of all candidates explains as much"
+    return "by chance, the best of all candidates would explain as much"
 
 
 @_candidate("worth")
@@ -299,7 +299,7 @@ def _paired(case: RuleCase) -> str:
     # what acts in a few stretches only spreads its own gains: one that takes most is sure earlier
     least = RISEN if r.after < OPEN * r.before else BEYOND
     sure = r.sureness > least or term.effect.variation.dated(term.shape)
-    return "" if sure else "the fall of the error varies as much from block to block"
+    return "" if sure else "the gain varies too much from block to block"
 
 
 @_candidate("beyond-chance")
@@ -463,7 +463,7 @@ def _scales(case: Refit) -> str:
         if v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
         if v.at_bound and isinstance(term.effect.search, Waves) and _leaves_much(case):
-            return f"its {p.text} lies on the end of what this motion can show"
+            return f"its {p.text} is at the limit of what this motion can show"
     return ""
 
 
@@ -497,4 +497,4 @@ def _simulates(case: Refit) -> str:
     # what leaves the range in some windows has so much scatter in the others that no rise is sure
     leaves = new.diverged - old.diverged > TENTH * new.windows
     worse = leaves or any(new.rises(old, j, RUINED) for j in moves)
-    return "it ruins the simulated motion" if worse else ""
+    return "it makes the simulated motion much worse" if worse else ""

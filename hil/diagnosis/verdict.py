@@ -300,7 +300,7 @@ def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
     return [
         (
             HIGH_FLOOR,
-            f"the noise floor itself is much of the effort: {each}. Whatever makes it does not "
+            f"the noise floor itself is a large part of the effort: {each}. Its cause does not "
             f"follow from the recorded motion: {f'{cause}?' if cause else _OF_ANYTHING}",
         )
     ]
@@ -324,8 +324,8 @@ def _of_outside(out: Diagnosis, joints: NDArray[np.int_]) -> str:
     if part > TENTH:
         return ""
     return (
-        f"white noise of the efforts is at most {100 * part:.2g} % of that floor, so did something "
-        "act from outside that nobody measured (a hand, a wearer, a cable)"
+        f"white noise of the efforts is at most {100 * part:.2g} % of that floor. Did a force act "
+        "from outside that was not measured (a hand, a wearer, a cable)"
     )
 
 

@@ -163,7 +163,7 @@ def _speed(r: Recording, k: int, joint: UrdfJoint) -> Iterator[DataFault]:
         r.joints[k],
         "check the unit of this position and of the time"
         if doubted
-        else "such a limit is a nominal one, and the unit is not in doubt for it",
+        else "this limit is a nominal one, so that the unit is not in doubt",
     )
 
 
@@ -267,8 +267,8 @@ def _position(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
             "wrap",
             "warning",
             joint,
-            f"{found.text(f'q{k + 1}', False)}: what acts over the position, and its derivative at "
-            "each wrap, are wrong; leave unwrap = false out of the map, or unwrap it before",
+            f"{found.text(f'q{k + 1}', False)}: effects over the position, and the speed at each "
+            "wrap, are wrong; leave unwrap = false out of the map, or unwrap the column before",
         )
     frozen = list(physics.stuck(r.t, q))
     jumps = [j for j in physics.steps(r.t, q) if not _ends(frozen, float(r.t[j]))]
@@ -315,7 +315,7 @@ def _clipped(name: str, joint: str, clip: physics.Clipping) -> DataFault:
         "warning",
         joint,
         f"{name} is cut off at {clip.level:.4g} for {100 * clip.share:.2g} % of the samples; "
-        "what acted there is not what was recorded: move more gently or leave it out",
+        "the true values there were not recorded: move more gently or leave this part out",
     )
 
 
@@ -327,8 +327,8 @@ def _velocity(r: Recording, k: int, joint: str) -> Iterator[DataFault]:
             "velocity-empty",
             "warning",
             joint,
-            f"qd{k + 1} is zero throughout though q{k + 1} moves: it was never filled. Nothing is "
-            "taken from it; speeds are derivatives of the positions",
+            f"qd{k + 1} is zero throughout though q{k + 1} moves: it was never filled. It is "
+            "ignored; speeds are derivatives of the positions",
         )
         return
     factor, correlation = physics.velocity_factor(r.t, r.q[:, k], r.qd[:, k])
@@ -622,7 +622,7 @@ def _frozen(r: Recording) -> Iterator[DataFault]:
             yield DataFault("stuck", "warning", joint, text)
         if idle[k] and not still[k] and (r.tau[0, k] != 0 or not idle.all()):
             text = (
-                f"tau{k + 1} never changes while q{k + 1} moves: nothing is said of {joint}. "
+                f"tau{k + 1} never changes while q{k + 1} moves: nothing is fitted to {joint}. "
                 "Is the channel dead? A joint without a motor has no effort"
             )
             yield DataFault(SILENT, "warning", joint, text)

@@ -332,13 +332,13 @@ def _what_time(t: FloatArray, period: float) -> str:
     units = ", or ".join(f"{_SPOKEN[unit]} ({rate:.4g} Hz)" for unit, rate in fits.items())
     if epoch_unit(float(t[0])) == "s" and np.all(t == np.floor(t)):
         return (
-            "these are dates to whole seconds, and the samples lie between. Record the time with "
-            "its fractions, or leave it out and say rate_hz = ... in [table] of a map"
+            "these are dates to whole seconds, and there are several samples in each. Record the "
+            "time with its fractions, or leave it out and give rate_hz = ... in [table] of a map"
         )
     if np.all(np.diff(t) == 1.0):
         return (
-            "it counts samples, or is in ms. Of samples say rate_hz = ... in [table] of a map; "
-            f'of ms say so {map_}ms" }}'
+            "it counts samples, or is in ms. For samples give rate_hz = ... in [table] of a map; "
+            f'for ms say so {map_}ms" }}'
         )
     if period >= NO_SECONDS and fits:
         unit = next(iter(fits))

@@ -74,9 +74,9 @@ def described(t: FloatArray, found: Jumps) -> str:
     rest = f" and {len(when) - LISTED} more" if len(when) > LISTED else ""
     unit = f" (counts of {found.count:.4g})" if found.count else ""
     return (
-        f"jumps {often} within a sample, the speed before and after alike: "
+        f"jumps {often} within a sample, with the same speed before and after: "
         f"{', '.join(when[:LISTED])}{rest}{unit}; lost counts, or lost samples: "
-        "'missed-counts' tells by the effort"
+        "'missed-counts' decides by the effort"
     )
 
 

@@ -61,7 +61,7 @@ def passed_over(paths: Iterable[str | Path]) -> list[str]:
             if below_it:
                 out.append(
                     f"{path}: {plural(len(below_it), 'session')} in the folders below it left out, "
-                    "for it has some itself; name these folders, or say --by robot"
+                    "because it has sessions itself; name these folders, or give --by robot"
                 )
     return out
 

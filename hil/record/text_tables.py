@@ -204,10 +204,10 @@ def _after_preamble(path: Path, head: int, header: str) -> tuple[int, str]:
     if names[last - 1]:
         one, two = rows[last - 1][0], rows[last][0]
         raise DataError(
-            f"table {path}: the names of the columns may stand in row {one} or in row {two}. Where "
-            f"it is row {two}, say so in a map: [table] header_row = {two}; row {one} is not read "
-            f"then, nor are units in it. Else cut row {two}; a second row may hold their units, "
-            "e.g. s, deg, Nm"
+            f"table {path}: the names of the columns may be in row {one} or in row {two}. If "
+            f"in row {two}, say so in a map: [table] header_row = {two}; row {one} and its units "
+            f"are then not read. Else delete row {two}; a second row may hold only units, e.g. s, "
+            "deg, Nm"
         )
     return rows[last]
 

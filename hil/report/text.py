@@ -48,17 +48,17 @@ ORIGIN = {
 }
 #: Why a model has two errors.
 BOTH_ERRORS = (
-    "One-step and simulated errors differ. One-step: the motion is the measured one, and the "
-    "effort at each instant is predicted; an error stays where it is. Simulated: the effort is the "
-    "measured one, and the motion follows from it; an error of the effort is integrated twice, so "
-    "that slow and constant errors count most and fast ones hardly. An effect can therefore lower "
-    "one and not the other."
+    "One-step and simulated errors differ. The one-step error takes the measured motion and "
+    "predicts the effort at each instant. The simulated error takes the measured effort and "
+    "predicts the motion: it integrates an error of the effort twice, so that slow and constant "
+    "errors count most and fast ones hardly. An effect can therefore lower one error and not the "
+    "other."
 )
 #: The same in one line, below a table of both.
 TWO_ERRORS = (
-    "error %: of the effort, with the motion as measured; simulated %: of the position simulated "
-    "for {horizon:g} s, in which errors of the effort add up: it may be large though the model is "
-    "adequate (docs/diagnosis.md)"
+    "error %: of the predicted effort, with the motion as measured. simulated %: of the position, "
+    "simulated for {horizon:g} s; errors of the effort add up there, so that it may be large "
+    "although the model is adequate (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
 LEADING = (
@@ -162,10 +162,10 @@ def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
     out = []
     for c in {c.joint: c for c in which if c.alike}.values():
         first, *rest = c.alike
-        more = f", so would {listed(rest)}" if rest else ""
+        more = f" (as would {listed(rest)})" if rest else ""
         out.append(
-            f"On {c.joint} {first} would do as much instead{more}: too small beside what is named "
-            "to have a name of its own. To try it beside the given model: "
+            f"On {c.joint}, {first} would explain as much as the correction{more}. It is too small "
+            "beside the named effects to be named itself. To try it with the given model: "
             f"hil add {first} S.mcap --joint {c.joint} --model GIVEN.toml."
         )
     return out
@@ -195,8 +195,8 @@ def doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
             joint, _, what = said.partition(": ")
             told.setdefault((code, f"{joint} {what.split(' ')[0]}"), []).append(said)
     return [
-        f"Check first: {runs[0]}{f' (so in {len(runs)} sessions)' if len(runs) > 1 else ''}. "
-        "Where it is so, the values below are wrong."
+        f"Check first: {runs[0]}{f' (in {len(runs)} sessions)' if len(runs) > 1 else ''}. "
+        "If the recording is wrong here, the values below are wrong, too."
         for runs in told.values()
     ]
 
@@ -260,7 +260,10 @@ def headline(m: Material) -> str:
             return AT_REVERSALS
         no_noise = _unlike_alone(m)
         if no_noise:
-            return f"All joints are at the noise floor, but what is left on {no_noise} is no noise."
+            return (
+                f"All joints are at the noise floor, but the remaining error of {no_noise} is not "
+                "noise."
+            )
         return f"An effect is missing on {joint}, and none in the catalogue explains it."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
@@ -274,14 +277,14 @@ def headline(m: Material) -> str:
 
 #: Verdict where what is left is mostly reversals that the filter of the positions blurs.
 AT_REVERSALS = (
-    "The model leaves more than noise, most of it at reversals that the position filter blurs: "
-    "a missing effect is not shown."
+    "The error is above the noise floor, but most of it lies at reversals that the position filter "
+    "blurs. The data do not show a missing effect."
 )
 
 #: Verdict where free functions for the missing description are all that was added.
 UNDESCRIBED = (
-    "The robot's description is missing. Free functions stand for it, and whether an effect is "
-    "missing as well cannot be told."
+    "The robot description is missing, and free functions replace it. The data do not show whether "
+    "an effect is missing as well."
 )
 
 
@@ -317,8 +320,8 @@ def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
         )
     if ratio > ADEQUATE:
         return (
-            f"what {model} leaves above the noise floor (up to {ratio:.2f} times) is of no "
-            "practical size, or comes of how it was measured."
+            f"{model} leaves an error of up to {ratio:.2f} times the noise floor. Its part above "
+            "the floor has no practical size or comes from the measurement."
         )
     return f"{model} explains the data down to the noise floor."
 
@@ -400,7 +403,8 @@ def origin(m: Material) -> str:
 def floor_says(beyond: float | None) -> str:
     """What an error at the floor does not prove, and what any function could still explain."""
     text = (
-        "An error at the noise floor is no proof: the floor also holds what no candidate explains"
+        "An error at the noise floor is no proof of a complete model: the floor also contains what "
+        "no candidate explains"
     )
     if beyond is None:
         return f"{text}."
@@ -451,7 +455,7 @@ SLOWLY = "Record slow strokes with many starts and turns: they show friction at 
 FIXED = {
     "adequate": [
         "Use the model within the range of motion that was recorded.",
-        "To be sure beyond it, record faster, slower and wider motion.",
+        "For use beyond this range, record faster, slower and wider motion.",
     ],
     "unexplained": [
         "See where the model fails ('hil compare' on the same files, or --report): the missing "
@@ -462,7 +466,7 @@ FIXED = {
     "not-identifiable": [
         "Record again as the sentence above says. A fit of these data would be meaningless."
     ],
-    "bad-data": ["Run 'hil info' on the recording; mend, cut or repeat it."],
+    "bad-data": ["Run 'hil info' on the recording; then repair, cut or repeat it."],
     COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
 }
 
@@ -475,8 +479,8 @@ def _separating(s: Indistinguishable) -> str:
     names = " or ".join(s.effects)
     if s.experiment == EITHER:
         return (
-            f"{names}: at the size that they have here they foretell the same of every motion that "
-            "was tried. Use either."
+            f"{names}: with the sizes found here, they predict the same for every motion that was "
+            "tried. Use either."
         )
     if not s.experiment.startswith(NO_MOTION):
         return f"{names}: record {s.experiment}."

@@ -38,7 +38,7 @@ def test_positions_in_another_order_than_their_efforts_are_told_both_ways(order)
     fit = hil.fit([replace(run, q=run.q[:, order])], hil.base_model(run.robot))
     ((code, text),) = columns.mistaken(fit, [replace(run, q=run.q[:, order])])
     back = [order.index(k) for k in range(3)]
-    assert code == "swapped" and "change one of them alone" in text
+    assert code == "swapped" and "change only one of them" in text
     for stem, taken in (("q", back), ("tau", order)):
         for k, c in enumerate(taken):
             assert (f"{stem}{k + 1} from the column of {stem}{c + 1}" in text) == (k != c)

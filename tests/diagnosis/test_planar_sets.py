@@ -16,7 +16,10 @@ def test_what_the_joints_never_feel_is_named_without_a_number_that_is_none():
         found = sets_of(hil.diagnose([run], hil.base_model(run.robot)))
     (tip,) = (s for s in found if s.effects[0] == "tip-impedance")
     assert tip.reason == "structural" and "nan" not in tip.why
-    assert "whatever this robot does, the model's own parameters do all of it as well" in tip.why
+    assert (
+        "in every motion of this robot, the model's own parameters explain all of it as well"
+        in tip.why
+    )
     assert "fy" in tip.why.split("its joints never feel")[1]
 
 

@@ -41,7 +41,9 @@ def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     page = tmp_path / "r.html"
     diagnosis_report(d, page)
     html = page.read_text(encoding="utf-8")
-    assert "what is left on joint1 is no noise" in html and "Record this joint at rest" in html
+    assert (
+        "the remaining error of joint1 is not noise" in html and "Record this joint at rest" in html
+    )
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))

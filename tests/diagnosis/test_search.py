@@ -252,7 +252,7 @@ def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     (one,) = found.corrections
     assert one.effect == "correction-position" and one.alike == ("spring", "unbalance")
     words = short(found, ladder(found), None)
-    assert "On joint1 spring would do as much instead, so would unbalance" in words
+    assert "On joint1, spring would explain as much as the correction (as would unbalance" in words
     assert "hil add spring S.mcap --joint joint1 --model GIVEN.toml" in words
     after = hil.add([run], found.explained.result.model, "spring", holdout=[other])[1]
     assert after.step.heldout.rms[0] < 1.1 * found.ladder[-1].heldout.rms[0]

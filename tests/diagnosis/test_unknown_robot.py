@@ -140,7 +140,7 @@ def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
     assert first.startswith("2 joints without a robot description: the model has no gravity")
     assert "Its values and errors hold what these do." in first and "--robot ARM.urdf" in first
     assert fitted.warnings[0][0] == "no-geometry" and fitted.warnings[0][1] in first
-    assert "what gravity could be gets none" in diagnosed().warnings[0][1]
+    assert "what may be gravity gets no name" in diagnosed().warnings[0][1]
     assert not undescribed(RobotSource("single-axis"), 1)
     assert not undescribed(RobotSource("", "<robot/>"), 7)
     assert not undescribed(RobotSource("phantom-premium-1.5"), 3)

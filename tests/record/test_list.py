@@ -113,7 +113,7 @@ def test_a_recording_without_a_date_of_its_own_has_that_of_its_table(folder, cap
     assert main(["list", "old.mcap"]) == 0
     out = capsys.readouterr().out
     assert "2023-11-14 22:13 *" in out
-    assert "* the recording says no date; this is the last change of the imported table" in out
+    assert "* the recording has no date; this is the last change of the imported table" in out
     assert main(["info", "old.mcap"]) == 0
     assert "table last changed 2023-11-14 22:13:20 UTC" in capsys.readouterr().out
 

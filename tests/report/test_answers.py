@@ -194,7 +194,7 @@ def test_of_rivals_only_those_are_to_be_separated_that_the_answer_lists(plain):
     m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful], sets=sets)
     wait, either = next_steps(m)
     assert "record the motion that separates them" in wait
-    assert either.startswith("spring or unbalance: at the size that they have here")
+    assert either.startswith("spring or unbalance: with the sizes found here")
     assert either.endswith("Use either.")
 
 
@@ -241,7 +241,7 @@ def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
 def test_a_size_that_is_not_determined_is_said_to_be_none(effect, values, said):
     found = finding(effect, **values)
     assert _telling(found) == said
-    assert _telling(found, "0.012 N m") == "0.012 N m rms in all; no value is determined"
+    assert _telling(found, "0.012 N m") == "0.012 N m rms in total; no value is determined"
 
 
 def test_of_several_shapes_the_surest_is_shown():
@@ -261,7 +261,7 @@ def test_the_contribution_is_what_the_error_falls_by(late):
     assert _contribution(late, replace(found, joint=None)) == ""
     unsure = {n: replace(v, stderr=9 * abs(v.value)) for n, v in found.parameters.items()}
     d = replace(late, findings=[replace(found, parameters=unsure)])
-    assert f"{size} N m rms in all; no value is determined" in short(d, ladder(late), None)
+    assert f"{size} N m rms in total; no value is determined" in short(d, ladder(late), None)
 
 
 def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
@@ -273,7 +273,7 @@ def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
         diagnosis_report(plain, tmp_path / "r.html")
     finally:
         plain.warnings = own
-    assert f"Check first: {told} (so in 2 sessions)" in said and "1.11" not in said
+    assert f"Check first: {told} (in 2 sessions)" in said and "1.11" not in said
     assert said.index("Check first") < said.index("error %")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert long.count(told) == page.count(told) == 1
@@ -281,7 +281,7 @@ def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
 
 def test_both_errors_have_one_name_and_a_sentence(plain, tmp_path):
     said, long = short(plain, ladder(plain), Files()), text(plain, ladder(plain))
-    assert "simulated %: of the position simulated for 0.5 s" in said
+    assert "simulated %: of the position, simulated for 0.5 s" in said
     assert "simulated error, 0.5 s" in long and "multi-step" not in said + long
     run = plants.tanh_axes()
     compared = compare_text(compare([run], plain.result.model.as_it_is()))

@@ -127,7 +127,7 @@ def test_a_page_says_when_and_by_what_it_was_written(answer, tmp_path):
     page = answer.report(tmp_path / "r.html").read_text(encoding="utf-8")
     revision, _ = source_revision()
     assert f"{datetime.now(UTC):%Y-%m}" in page and revision[:12] in page
-    assert "integrated twice" in page and "f<sub>d</sub> v |v|" in page
+    assert "integrates an error of the effort twice" in page and "f<sub>d</sub> v |v|" in page
 
 
 def test_the_last_bin_after_a_reversal_has_no_end(answer):

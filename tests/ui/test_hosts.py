@@ -77,4 +77,4 @@ def test_the_address_for_others_comes_with_what_it_lets_them_do(capsys):
     here, there = "http://127.0.0.1:1/?token=x", "http://192.168.0.7:1/?token=x"
     tell_page("The page", here, there, "can move the arms", False)
     told = " ".join(capsys.readouterr().out.split())
-    assert there in told and "warning: Who has this address can move the arms" in told
+    assert there in told and "warning: Anyone who has this address can move the arms" in told
