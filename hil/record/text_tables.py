@@ -206,7 +206,7 @@ def _after_preamble(path: Path, head: int, header: str) -> tuple[int, str]:
         raise DataError(
             f"table {path}: the names of the columns may be in row {one} or in row {two}. If "
             f"in row {two}, say so in a map: [table] header_row = {two}; row {one} and its units "
-            f"are then not read. Else delete row {two}; a second row may hold only units, e.g. s, "
+            f"are then not read. Else delete row {two}; a second row may hold their units, e.g. s, "
             "deg, Nm"
         )
     return rows[last]
