@@ -367,11 +367,15 @@ class Nearness:
         Source: Nocedal, Wright, Numerical Optimization, 2006, 16.5 (bounds one after the other).
         """
         ways = _open(b, self.moves) if len(self.metric) else np.zeros((theta.size, 0))
+        # what moves no body but for rounding (two offsets against each other) stays
+        least = NOTHING * float(np.linalg.norm(self.metric @ ways))
         for _ in range(theta.size):
-            if not ways.size:
+            rows = self.metric @ ways
+            size = float(np.linalg.norm(rows))
+            if size <= least:
                 break
             # z = -(R D^-1 N)^+ R (theta - pi_0)
-            z = least_squares(self.metric @ ways, self.metric @ (self.centre - theta))
+            z = least_squares(rows, self.metric @ (self.centre - theta), least / size)
             step = ways @ z
             part, first = _room(theta, step, self.low, self.high)
             theta = np.clip(theta + part * step, self.low, self.high)
