@@ -117,10 +117,10 @@ def _judged(c: Comparison) -> str:
     if fixed:
         values = "values of the model file; nothing was fitted"
     return (
-        f"  {values}; errors on {judged}; noise floor of {which}{other}, from "
-        f"{method[c.evidence.floor.method]}; "
-        f"simulated: position simulated over {c.multi_step.horizon:g} s; replay: over "
-        f"{_horizon(c)} with a soft servo to the measured motion"
+        f"  {values}; errors on {judged}. Noise floor of {which}{other}, from "
+        f"{method[c.evidence.floor.method]}.\n"
+        f"  simulated %: position simulated over {c.multi_step.horizon:g} s. replay %: over "
+        f"{_horizon(c)}, with a soft servo to the measured motion."
     )
 
 
@@ -128,19 +128,19 @@ def _taken(c: Comparison) -> str:
     """Filters and shift of both sides, and where they are from."""
     problem = c.result.problem
     rates, shift, lag = problem.rates, problem.shift, problem.alignment.lag
-    said = (
-        f"{abs(shift) * 1e3:.3g} ms {'earlier' if shift < 0 else 'later'}" if shift else "in time"
-    )
+    said = "not shifted"
+    if shift:
+        said = f"taken {abs(shift) * 1e3:.3g} ms {'earlier' if shift < 0 else 'later'}"
     if lag:
         said += f", without a low-pass of {lag * 1e3:.3g} ms"
     if rate := 1e6 * problem.alignment.rate:
         said += f", {abs(rate):.3g} us {'earlier' if rate > 0 else 'later'} with every second"
     source = "chosen from the data; to change it, set [signal] in the model file"
     if c.result.model.band != Band():
-        source = "as [fitted] or [signal] in the model file says; [signal] goes first"
+        source = "from [signal] in the model file, else from its [fitted]"
     return (
-        f"  positions to {rates.position:.4g} Hz, efforts to {rates.effort:.4g} Hz and taken "
-        f"{said} ({source})"
+        f"  positions filtered to {rates.position:.4g} Hz, efforts to {rates.effort:.4g} Hz; "
+        f"efforts {said} ({source})"
     )
 
 
