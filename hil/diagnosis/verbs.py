@@ -22,7 +22,6 @@ from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError
-from hil.identify.fit import fit as fit_problem
 from hil.identify.fit import outside
 from hil.identify.gauss_newton import complete
 from hil.identify.multistep import MultiStep, both, each
@@ -305,11 +304,14 @@ def add(
         {"per_run": True} if kind.variation.per_run and len(recordings) > 1 else {}
     )
     larger = before.result.model + Use(effect, joints, own)
-    after = complete(fit_problem(problem, larger))
+    first = both(before.result, problem)
+    # what the effect does may have looked like lateness, or have hidden it: it is sought anew
+    problem = make_problem(recordings, larger, problem)
+    examine = Examiner(problem, held_out(holdout, "hil.add"), examine.other)
+    after = complete(fit_aligned(problem, larger))
     after = replace(after, warnings=[*after.warnings, *examine.own(after)])
-    steps = (before, Step(f"+ {effect}{where}", after, examine(after)))
-    first, second = each([s.result for s in steps], problem)
-    return Added(Rung(steps[0], first), Rung(steps[1], second))
+    step = Step(f"+ {effect}{where}", after, examine(after))
+    return Added(Rung(before, first), Rung(step, both(after, problem)))
 
 
 def _usable(effect: str, joints: tuple[str, ...], problem: Problem) -> tuple[str, ...]:

@@ -95,3 +95,19 @@ def test_both_simulations_of_a_sticking_drive_improve_with_the_missing_effect() 
         assert not new.diverged
         assert new.relative[0] < 0.5 * old.relative[0]
         assert new.relative[0] < 5.0
+
+
+@pytest.mark.parametrize("late", [0.0004, 0.003])
+def test_how_late_efforts_are_is_sought_anew_beside_the_added_effect(late: float) -> None:
+    """Beside a model without the spring nothing of it is seen."""
+    rng, t = np.random.default_rng(1), np.arange(12000) / 500
+    tones = 2 * np.pi * np.array([0.31, 0.73, 1.9]), np.array([0.5, 0.3, 0.1]), rng.uniform(0, 6, 3)
+    q, _, _ = plants.sines(t, *tones)
+    p, v, a = plants.sines(t - late, *tones)
+    tau = 0.02 * a + 0.05 * np.tanh(v / 0.01) + 0.05 * v + 1.5 * p
+    run = plants.single("late", t, q, tau + 0.005 * rng.standard_normal(t.size))
+    before, after = hil.add(run, base_model(run.robot), "spring")
+    assert before.step.result.model.fitted.shift_s == 0.0
+    assert after.step.result.model.fitted.shift_s == pytest.approx(-late, abs=1e-4)
+    assert after.step.result.values["j1.spring.k"].value == pytest.approx(1.5, rel=1e-3)
+    assert after.step.result.relative[0] < 0.22

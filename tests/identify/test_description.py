@@ -211,6 +211,18 @@ def test_the_nearest_of_all_that_fit_equally_well(seed, bounded):
     assert distance[1] == pytest.approx(distance[2], rel=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_offsets_that_only_their_sum_knows_stay_where_a_body_comes_to_its_bound(seed):
+    """What is left then moves no body but for rounding."""
+    rng = np.random.default_rng(seed)
+    body, offset = rng.normal(size=(2, 40, 1)) * 10.0 ** rng.uniform(-1, 3, (2, 1, 1))
+    x = np.hstack([body, body, offset, offset])
+    metric = np.hstack([np.diag([1.0, 0.1]), np.zeros((2, 2))])
+    theta, low = np.array([1.0, 0.05, 0.3, -0.2]), np.array([-np.inf, 0.0, -np.inf, -np.inf])
+    near = Nearness(metric, np.array([2.0, 0, 0, 0]), np.ones(4, bool), low, np.full(4, np.inf))
+    np.testing.assert_allclose(near(theta, basis(x)), [1.05, 0.0, 0.3, -0.2], rtol=1e-9, atol=1e-12)
+
+
 def test_what_no_row_sees_or_has_no_description_stays():
     rng = np.random.default_rng(3)
     x = rng.normal(size=(40, 2)) @ rng.normal(size=(2, 5))
