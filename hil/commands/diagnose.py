@@ -17,7 +17,7 @@ from hil import terminal
 from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import at_reversals, blurred_above
-from hil.diagnosis.constants import CONFIDENT
+from hil.diagnosis.constants import CONFIDENT, HALF
 from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
@@ -115,7 +115,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
         lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
         lines += ["", _names_table(d)]
-        with_rivals = [f for f in d.findings if f.rivals and d.verdict == "ambiguous"]
+        open_ = d.verdict == "ambiguous"
+        with_rivals = [f for f in d.findings if f.rivals and (open_ or f.confidence < CONFIDENT)]
         lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
         noted = [(where(f), remark(f.effect, f.parameters)) for f in d.findings]
         lines += [f"  {name}: {said}" for name, said in noted if said]
@@ -131,6 +132,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     lines += ["", *(f"  {ended(w)}" for w in said)] if said else []
     lines += ["", "Next"]
     commands = [f"    {line}" for line in command(m, files).splitlines()] if files else []
+    if rising(rungs, 1 / HALF):
+        lines.append(f"  - {_NO_SIMULATION}")
     for step in next_steps(m)[:_STEPS]:
         if step.startswith(ACCEPT):
             lines += [f"  - {step.removesuffix('.')}:", *commands] if commands else []
@@ -146,6 +149,11 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
 
 #: Steps that a short answer proposes.
 _STEPS = 3
+#: Where a name more than doubles a simulated error.
+_NO_SIMULATION = (
+    "Use the improved model to predict efforts, not to simulate: its simulated error is more than "
+    "twice that of the model before. A longer recording may settle the values."
+)
 
 
 def _sure(v: Value, deviations: float) -> bool:

@@ -488,6 +488,11 @@ def _separating(s: Indistinguishable) -> str:
     return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
 
 
+def _doubted(f: Finding) -> str:
+    """A name that is not to be relied on, and why."""
+    return f"Do not rely on {where(f)} yet: {f.reason}."
+
+
 def _listed(s: Indistinguishable, findings: Sequence[Finding]) -> bool:
     """Whether a set holds a named effect and one of the rivals that the answer gives it."""
     of = set(s.effects)
@@ -503,9 +508,11 @@ def next_steps(m: Material) -> list[str]:
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
         steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]
         steps += [
-            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}." for f in m.findings
+            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}."
+            for f in m.findings
+            if f.confidence >= CONFIDENT
         ]
-        return steps
+        return steps + [_doubted(f) for f in m.findings if f.confidence < CONFIDENT]
     if _undescribed(m):
         return [DESCRIBE, AGAIN]
     if m.verdict in ("adequate", "unexplained") and apart(m):
@@ -527,11 +534,7 @@ def next_steps(m: Material) -> list[str]:
         # what the table does not list as a rival is not to be separated first
         separating = [x for x, s in zip(motions, rivals, strict=True) if _listed(s, m.findings)]
         wait = "Do not rely on one of the rivals yet; record the motion that separates them."
-        doubted = [
-            f"Do not rely on {where(f)} yet: {f.reason}."
-            for f in m.findings
-            if f.confidence < CONFIDENT and not f.rivals
-        ]
+        doubted = [_doubted(f) for f in m.findings if f.confidence < CONFIDENT and not f.rivals]
         among = any(f.rivals for f in m.findings)
         return [*([wait] if among else []), *separating[:3], *doubted]
     return list(FIXED[m.verdict])
@@ -606,7 +609,7 @@ def with_model(said: str, model: str) -> str:
 
 
 def command(m: Material, files: Files | None = None) -> str:
-    """Commands that add the findings; empty if there is nothing to add.
+    """Commands that add the findings that are sure; empty if there is nothing to add.
 
     Where the model holds corrections, too, the one that writes all of it.
     """
@@ -616,7 +619,8 @@ def command(m: Material, files: Files | None = None) -> str:
     if m.verdict != "missing-effect":
         return ""
     lines, source = [], names.model
-    for k, f in enumerate(m.findings, 1):
+    sure = [f for f in m.findings if f.confidence >= CONFIDENT]
+    for k, f in enumerate(sure, 1):
         words = ["hil", "add", f.effect, *(["--joint", f.joint] if f.joint else [])]
         words += ["--model", source] if source else []
         source = names.better(k)

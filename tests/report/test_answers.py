@@ -297,6 +297,35 @@ def test_what_is_to_be_accepted_is_a_command(late):
     assert not any("Accept" in line for line in short(late, ladder(late), None).splitlines())
 
 
+def test_a_second_name_that_is_not_sure_is_neither_accepted_nor_without_its_rivals(late):
+    """What is sure is accepted; the other one's rivals stand on the first screen."""
+    sure, other = late.findings
+    own, rivals = late.findings, ["cogging", "spring"]
+    perhaps = replace(other, confidence=0.26, rivals=rivals, reason="others do as well")
+    try:
+        late.findings = [replace(sure, confidence=1.0), perhaps]
+        said = short(late, ladder(late), Files(("a.mcap",), model="m.toml"))
+    finally:
+        late.findings = own
+    assert f"  rivals of {other.effect} on {other.joint}: cogging, spring" in said
+    assert f"Do not rely on {other.effect} on {other.joint} yet: others do as well." in said
+    assert f"Confirm {sure.effect} on {sure.joint}" in said
+    assert (
+        said.count("    hil add ") == 1 and f"Confirm {other.effect} on {other.joint}" not in said
+    )
+
+
+def test_a_model_that_simulates_twice_as_badly_is_not_for_simulation(late):
+    rungs = ladder(late)
+    files = Files(("a.mcap",), model="m.toml")
+    assert "not to simulate" not in short(late, rungs, files)
+    first = rungs[0].multi_step
+    worse = replace(first, rms=3.0 * first.rms, power=9.0 * first.power)
+    assert "not to simulate" in short(
+        late, [*rungs[:-1], replace(rungs[-1], multi_step=worse)], files
+    )
+
+
 def test_a_rig_s_arm_stands_in_the_verdict():
     run = replace(plants.tanh_axes(), arm="leader")
     d = diagnose([run], model(run))
