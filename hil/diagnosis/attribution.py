@@ -39,6 +39,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector, within
 from hil.identify.regression import cluster_covariance, decomposed, time_blocks
 from hil.identify.result import FitResult
+from hil.identify.solve import ERRORS, colouring, described
 from hil.models.effect import (
     BOUNDS,
     Fitted,
@@ -483,3 +484,52 @@ def _wave(c: Candidate, motion: Motion) -> bool:
         return False
     waves = search.carrier(motion, j) is not None or search.powers(motion, j) is not None
     return waves and bool(c.term.shape) and c.term.shape[0] > 0
+
+
+# ------------------------------------------------------------ the robot's description
+
+
+def described_odds(one: FitResult, other: FitResult) -> float:
+    """Log odds of one model over another that explains as much, by the robot's description.
+
+    A law whose place another takes leaves the masses to make up the difference.  With bodies
+    pi ~ N(pi_0, rho^2 (R'R)^-1) (see `hil.identify.solve`), k directions of them that the data
+    determine, and rho of each model where its bodies are likeliest,
+
+        log p(pi_1) / p(pi_2) = k log(rho_2 / rho_1),    rho^2 = |R (pi - pi_0)|^2 / k.
+
+    Zero without a description.
+
+    Parameters
+    ----------
+    one, other : FitResult
+        The models, fitted to the same runs.
+    """
+    found = [_off_description(r) for r in (one, other)]
+    directions = min(k for _, k in found)
+    (near, _), (far, _) = found
+    return directions * float(np.log(far / near)) if directions else 0.0
+
+
+def _off_description(result: FitResult) -> tuple[float, int]:
+    """Relative error rho that a model's bodies ascribe to the description; determined directions.
+
+    A direction counts that the data know better than a body can be drawn and weighed.
+    """
+    problem, rows = result.problem, described(result.problem, result.terms, result.slices)
+    bodies = [
+        where
+        for t, where in zip(result.terms, result.slices, strict=True)
+        if Trait.BODY in t.effect.traits and rows[:, where].any()
+    ]
+    if not bodies:
+        return float(ERRORS[0]), 0
+    where = bodies[0]
+    metric = rows[:, where]
+    weighed = result.x[:, where] * np.repeat(1.0 / result.sigma, problem.n)[:, None]
+    # in coordinates w = R pi
+    _, size, ways = decomposed(weighed @ np.linalg.pinv(metric))
+    known = size**2 * ERRORS[0] ** 2 > colouring(problem, result.residual)
+    off = ways[known] @ metric @ (result.theta[where] - problem.robot.prior)
+    k = int(known.sum())
+    return max(float(np.linalg.norm(off)) / max(k, 1) ** 0.5, float(ERRORS[0])), k

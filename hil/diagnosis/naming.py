@@ -18,6 +18,7 @@ from hil.diagnosis.attribution import (
     as_use,
     beyond,
     choose,
+    described_odds,
     kindred,
     overlap,
     physical,
@@ -38,6 +39,7 @@ from hil.diagnosis.candidates import (
 from hil.diagnosis.constants import (
     ABSORBED,
     BEATEN,
+    CONFIDENT_ODDS,
     DISCREPANCY,
     HALF,
     RISEN,
@@ -359,8 +361,9 @@ def _refitted_rivals(
 def separated(search: Search, named: Named) -> Named:
     """A name without the rivals that the last model, corrections and all, shows to be none.
 
-    With one of them in the place of the effect it errs twice as much, on left-out blocks or on the
-    held-out runs.  What other effects and corrections take hid that before; and held-out runs that
+    A rival is none that needs masses surely further from the robot's description.  With one of
+    them in the place of the effect it errs twice as much, on left-out blocks or on the held-out
+    runs.  What other effects and corrections take hid that before; and held-out runs that
     go further than the fitted ones tell a law from what follows it within their range.
     """
     problem, j = search.problem, named.candidate.joint
@@ -400,9 +403,11 @@ def emptied(search: Search, c: Candidate, before: Visited) -> Visited | None:
 def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:
     """Whether the model with a rival in the place of an effect is worse, see `_errs`.
 
-    Held-out runs may show it, too.
+    Held-out runs may show it, too, and the robot's description.
     """
     rung = _in_place(search, c, rival)
+    if described_odds(search.now.result, rung.result) > CONFIDENT_ODDS:
+        return True
     one, other = search.now.step.heldout, rung.step.heldout
     if one.kind == "holdout" and one.gain(other, c.joint) > RISEN:
         power = float(other.rms[c.joint]) ** 2
