@@ -376,6 +376,7 @@ def _refitted(
     content = replace(content, lost=(*lost, *content.lost))
     steps: tuple[Step, ...] = (before,) if after is before else (before, after)
     notes = [text for _, text in after.result.warnings]
+    notes += _moved(before.result, after.result)
     if base is not None:
         notes.append(_leans(base))
     if content.bodies is None or not words.bodies:
@@ -392,6 +393,31 @@ def _refitted(
     content = translate(result.model, problem.robot, words, problem.span)
     content = replace(content, bodies=found.bodies, lost=(*lost, *content.lost))
     return Within(content, result.model, steps, (*notes,))
+
+
+#: Change of a value that is told: beyond so many standard errors, and by this share of it; and
+#: how many are told.
+_BEYOND, _SHARE, _MOST_TOLD = 3.0, 0.1, 5
+
+
+def _moved(before: FitResult, after: FitResult) -> list[str]:
+    """A note on values that took up what the target lacks; empty where none did."""
+    found = []
+    for name in before.values.keys() & after.values.keys():
+        old, new = before.values[name], after.values[name]
+        change = abs(new.value - old.value)
+        if old.identifiable and change > max(_BEYOND * old.stderr, _SHARE * abs(old.value)):
+            unit = "" if old.unit == "1" else f" {old.unit}"
+            text = f"{name} {old.value:.4g} -> {new.value:.4g}{unit}"
+            found.append((-change / max(abs(old.value), 1e-300), text))
+    if not found:
+        return []
+    told = [text for _, text in sorted(found)]
+    more = f", and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+    return [
+        f"values that take up what is lost: {', '.join(told[:_MOST_TOLD])}{more}; without --data "
+        "they stay, for a program in which you add the lost effect yourself"
+    ]
 
 
 def reduced(

@@ -35,6 +35,7 @@ def test_a_refit_prints_both_errors_and_what_is_lost(folder, capsys):
     assert main([str(w) for w in words]) == 0
     said = capsys.readouterr().out
     assert "whole model" in said and "within the target" in said and "lost: stribeck" in said
+    assert "values that take up what is lost: " in said and "without --data they stay" in said
     assert "<mujoco" in (folder / "a.xml").read_text()
 
 
