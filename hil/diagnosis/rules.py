@@ -378,9 +378,13 @@ def _keeps(case: Refit) -> str:
 
 @_fit("never-rises")
 def _rises(case: Refit) -> str:
-    """A model that is worse on held-out runs, on any joint and beyond chance, is no rung."""
-    moves = np.flatnonzero(~case.search.problem.holds).tolist()
-    return case.before.step.heldout.risen(case.after.step.heldout, case.rated.joint, moves)
+    """A model that is worse on held-out runs, on any joint and beyond chance, is no rung.
+
+    What stays below the practical size is not worse.
+    """
+    problem, after = case.search.problem, case.after.step.heldout
+    moves = np.flatnonzero(~problem.holds).tolist()
+    return case.before.step.heldout.risen(after, case.rated.joint, moves, practical(problem))
 
 
 @_fit("confirmed")

@@ -24,6 +24,7 @@ from hil.diagnosis.evidence import (
     GEOMETRY,
     terms_to_try,
 )
+from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable
@@ -252,7 +253,8 @@ class Search(Models):
 
     def _risen(self, rung: Visited, j: int) -> bool:
         """Whether held-out runs say that a model made for joint j is worse than the present one."""
-        return bool(self.now.step.heldout.risen(rung.step.heldout, j, self.moves))
+        small = practical(self.problem)
+        return bool(self.now.step.heldout.risen(rung.step.heldout, j, self.moves, small))
 
     def _shares(self, rung: Visited) -> FloatArray:
         """Errors on left-out blocks and runs (2, moving) over the effort as it is aligned now."""

@@ -292,8 +292,10 @@ class HeldOut:
         spread = float(np.sqrt(np.sum((fall - fall.mean()) ** 2)))
         return float(fall.sum()) / max(spread, 1e-300)
 
-    def risen(self, other: HeldOut, j: int, moves: Sequence[int]) -> str:
+    def risen(self, other: HeldOut, j: int, moves: Sequence[int], small: float) -> str:
         """Why another model is worse on held-out runs, beyond chance; empty where it is not.
+
+        What stays below the practical size on another joint is not worse there.
 
         Parameters
         ----------
@@ -303,13 +305,18 @@ class HeldOut:
             Joint for which it was made; others may rise by less than an effect must bring.
         moves : sequence of int
             Joints that move.
+        small : float
+            Share of the rms effort below which nothing matters.
         """
         if self.kind != "holdout":
             return ""
         worse = [k for k in moves if other.rms[k] > self.rms[k] and self.gain(other, k) > RISEN]
         if j in worse:
             return "the error of the held-out runs rises"
-        ratio = (other.rms[moves] / np.maximum(self.rms[moves], 1e-300)) ** 2
+        matters = other.rms > small * self.effort_rms
+        worse = [k for k in worse if matters[k]]
+        ratio = (other.rms / np.maximum(self.rms, 1e-300)) ** 2
+        ratio = np.where(matters, ratio, np.minimum(ratio, 1.0))[moves]
         more = any(other.rms[k] > (1 + WORTH / 2) * self.rms[k] for k in worse)
         if more and float(ratio.mean()) > 1:
             return "the error of the held-out runs rises on other joints"

@@ -10,7 +10,7 @@ import pytest
 
 from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
-from hil.diagnosis.constants import HALF, LEVEL, OPEN, PARTS, WORTH
+from hil.diagnosis.constants import HALF, LEVEL, MATTERS, OPEN, PARTS, WORTH
 from hil.diagnosis.folds import Split, levels
 from hil.diagnosis.types import Candidate, Floor, HeldOut
 from hil.identify.design import Term
@@ -109,6 +109,7 @@ def refit(before: np.ndarray, after: np.ndarray, kind: str, effect: str = "strib
         effort=np.ones((1, before.size)),
         rms=lambda x: np.ones(1),
         runs=1,
+        accuracy=0.0,
     )
     one.search = SimpleNamespace(
         problem=problem,
@@ -137,6 +138,17 @@ def test_an_effect_keeps_its_gain_when_all_is_fitted_again(factor: float, stoppe
 def test_a_ladder_never_rises_on_held_out_runs(factor: float, stopped: bool) -> None:
     reason = rules.FIT["never-rises"](refit(NOISE, factor * NOISE, "holdout"))
     assert ("held-out runs rises" in reason) is stopped
+
+
+@pytest.mark.parametrize(("size", "stopped"), [(1e-3, False), (1e-2, True)])
+def test_another_joint_may_rise_where_it_stays_below_the_practical_size(size, stopped) -> None:
+    """Twice as much of next to nothing is no harm beside a tenth of what the joint had left."""
+    before, after = ((0.1 * NOISE, size * NOISE), (0.01 * NOISE, 2 * size * NOISE))
+    blocks = np.arange(NOISE.size) // 10
+    one, other = (
+        HeldOut(np.stack(x), np.ones((2, NOISE.size)), blocks, "holdout") for x in (before, after)
+    )
+    assert bool(one.risen(other, 0, [0, 1], MATTERS)) is stopped
 
 
 @pytest.mark.parametrize("effect", [CORRECTION, "stribeck"])
