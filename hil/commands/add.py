@@ -40,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     common.add_holdout(parser)
     common.add_sources(parser)
+    common.add_tables(parser)
     common.add_output(parser, "M2.toml", "the new model, whether or not the effect helps")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import webbrowser
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,9 +18,10 @@ from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model, in_words, without_error
-from hil.record.bags import BagChoice
+from hil.record.bags import BagChoice, TableChoice
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
+from hil.record.urdf_joints import unlike
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
 
@@ -33,6 +35,7 @@ def add_sessions(
     if model:
         add_holdout(parser)
     add_sources(parser)
+    add_tables(parser)
 
 
 def add_sources(parser: argparse.ArgumentParser) -> None:
@@ -211,7 +214,9 @@ def load(
     note_compiling()
     model = model_file(args.model) if args.model else None
     arm = args.arm or (model.arm if model else "") or None
-    runs, held = load_sources(paths, others, arm, bag_choice(args))
+    described = model.robot.urdf if model else ""
+    choice = replace(bag_choice(args), described=described)
+    runs, held = load_sources(paths, others, arm, choice)
     if note := runs[0].metadata.get("note"):
         terminal.log(note)
     for text in stand_elsewhere([*runs, *held]):
@@ -224,6 +229,11 @@ def load(
         )
     elif not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=robot)
+    elif where := unlike(model.robot.urdf, robot.urdf):
+        terminal.log(
+            f"warning: model {args.model} describes another robot than {runs[0].name}: {where}. "
+            "The model's is taken"
+        )
     model = with_plugins(model, getattr(args, "plugin", ()))
     if args.arm:  # what is written holds for this arm alone
         model = replace(model, arm=args.arm)
@@ -392,6 +402,74 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_tables(parser: argparse.ArgumentParser) -> None:
+    """--map and what else `hil import` knows of a table that is analysed without a session."""
+    group = parser.add_argument_group("tables", "as of 'hil import'")
+    group.add_argument("--map", default="", metavar="MAP.toml", help=MAP)
+    add_table_words(group)
+
+
+MAP = "renames, scales, shifts and signs columns; or the name of a built-in map"
+
+
+def add_table_words(parser: argparse._ActionsContainer) -> None:
+    """--run, --unit, --torque-constant, --rate and --missing."""
+    parser.add_argument(
+        "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
+    )
+    parser.add_argument(
+        "--unit",
+        default="",
+        metavar="UNIT",
+        help="unit of the axes, without a URDF: rad, m, or one a joint (rad,m); deg: positions in "
+        "degrees, speeds in degrees/s",
+    )
+    parser.add_argument(
+        "--torque-constant",
+        default="",
+        metavar="K[,K..]",
+        help="efforts are motor currents [A]: effort at the joint by ampere, one or one a joint",
+    )
+    parser.add_argument(
+        "--rate",
+        type=_rate,
+        default=0.0,
+        metavar="HZ",
+        help="sample rate of a table without a column of times",
+    )
+    parser.add_argument(
+        "--missing",
+        default="",
+        choices=("refuse", "drop", "interpolate"),
+        help="missing values: refuse them (default), leave their rows out, or fill up to 10 rows",
+    )
+
+
+def _rate(text: str) -> float:
+    """A sample rate of the command line."""
+    with contextlib.suppress(ValueError):
+        rate = float(text)
+        if 0 < rate < math.inf:
+            return rate
+    raise argparse.ArgumentTypeError(f"{text!r}: expected samples per second, e.g. 500")
+
+
+def torque_constants(text: str) -> tuple[float, ...]:
+    """Torque constants of the command line.
+
+    Raises
+    ------
+    ConfigError
+        If one is no number.
+    """
+    try:
+        return tuple(float(x) for x in text.split(",")) if text else ()
+    except ValueError:
+        raise ConfigError(
+            f"--torque-constant {text}: expected numbers with commas between them, e.g. 12.1,12.1,9"
+        ) from None
+
+
 def bag_choice(args: argparse.Namespace) -> BagChoice:
     """What the options say.
 
@@ -409,7 +487,16 @@ def bag_choice(args: argparse.Namespace) -> BagChoice:
         lock=bag_locks(args),
         tip=getattr(args, "tip", ""),
         arm=args.arm or "",
+        table=_table_choice(args),
     )
+
+
+def _table_choice(args: argparse.Namespace) -> TableChoice:
+    """How tables are read; a command without these options reads them by their names."""
+    if not hasattr(args, "map"):
+        return TableChoice()
+    constants = torque_constants(args.torque_constant)
+    return TableChoice(args.map, args.unit, args.rate, args.missing, args.which, constants)
 
 
 def bag_joints(args: argparse.Namespace) -> tuple[str, ...]:
@@ -431,6 +518,11 @@ def bag_locks(args: argparse.Namespace) -> dict[str, float]:
 def bag_words(args: argparse.Namespace) -> tuple[str, ...]:
     """The words of these options, for a command that comes next."""
     single = {k: getattr(args, k) for k in ("robot", *_TOPICS, "joints")}
+    of_tables = ("map", "unit", "rate", "missing", "torque_constant")
+    for name in of_tables if hasattr(args, "map") else ():
+        value = getattr(args, name)
+        single[name] = f"{value:g}" if isinstance(value, float) and value else value
+    single["run"] = getattr(args, "which", "")
     out = [w for k, v in single.items() if v for w in (f"--{k.replace('_', '-')}", v)]
     return (*out, *(w for text in args.lock for w in ("--lock", text)))
 

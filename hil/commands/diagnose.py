@@ -51,7 +51,7 @@ from hil.report.text import (
     remains,
     undescribed,
     where,
-    with_model,
+    with_files,
 )
 
 SENTENCES = {
@@ -89,7 +89,12 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
         lines += ["", multi_text(rungs)]
     lines += _apart(d, verbose)
     if d.verdict == "adequate" and d.unseen:
-        lines += ["", "What this motion could not show", *(f"  - {u.text}" for u in d.unseen)]
+        lines += ["", "What this motion could not show"]
+        for u in d.unseen:
+            lines += [
+                f"  - {replace(u, command='').text}",
+                *([f"      {u.command}"] * bool(u.command)),
+            ]
     notes = _notes(d)
     lines += ["", *(f"  note: {w}" for w in notes)] if notes else []
     return "\n".join(lines)
@@ -139,7 +144,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
             lines += [f"  - {step.removesuffix('.')}:", *commands] if commands else []
             commands = []
         else:
-            lines.append(f"  - {step}")
+            said, *typed = step.splitlines()
+            lines += [f"  - {said}", *(f"    {line}" for line in typed)]
     if commands:
         lines.append("  - For a model that predicts motions like these, without a new name:")
     lines += commands
@@ -378,7 +384,11 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
     if verbose:
         sets, standing = [*sets, *standing], []
     lines = ["", "What these data cannot tell apart"] if sets else []
-    told = [f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}." for s in sets]
+    told = [
+        f"  - {' / '.join(s.effects)}: {s.why}. Would show it: {s.experiment}."
+        + (f"\n      {s.command}" if s.command else "")
+        for s in sets
+    ]
     lines += dict.fromkeys(told)
     if standing:
         pairs = "; ".join(f"{s.effects[0]} from {', '.join(s.effects[1:])}" for s in standing)
@@ -536,6 +546,8 @@ def answer(args: argparse.Namespace) -> dict[str, Any]:
     runs, held, model = common.load(args)
     result = engine.diagnose(runs, model, held)
     rungs = verbs.ladder(result)
+    if result.ladder:
+        _motions_with(result, args)
     files = Files(
         tuple(args.typed), tuple(args.holdout), args.model or "", args.arm or "",
         common.bag_words(args),
@@ -549,8 +561,8 @@ def answer(args: argparse.Namespace) -> dict[str, Any]:
 def show(args: argparse.Namespace, result: Diagnosis) -> None:
     """Report, then JSON or text, of a diagnosis with both errors of every rung."""
     rungs = verbs.ladder(result)
-    if args.model and result.ladder:
-        _motions_with(result, args.model)
+    if result.ladder:
+        _motions_with(result, args)
     worse = rising(rungs)
     common.deliver(
         args,
@@ -560,13 +572,11 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
     )
 
 
-def _motions_with(d: Diagnosis, model: str) -> None:
-    """Let the motions that are proposed take the model that was analysed."""
-    d.unseen = [replace(u, command=with_model(u.command, model)) for u in d.unseen]
-    d.sets = [
-        replace(s, experiment=with_model(s.experiment, model), command=with_model(s.command, model))
-        for s in sets_of(d)
-    ]
+def _motions_with(d: Diagnosis, args: argparse.Namespace) -> None:
+    """Let the motions that are proposed be of the recording and the model that were analysed."""
+    files = replace(_files(args), sessions=(str(find(args.sessions)[0]),))
+    d.unseen = [replace(u, command=with_files(u.command, files)) for u in d.unseen]
+    d.sets = [replace(s, command=with_files(s.command, files)) for s in sets_of(d)]
 
 
 def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:

@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -75,9 +76,9 @@ from hil.models import catalogue
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
 from hil.models.robots import Robot, bare_robot
-from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
-from hil.record.sources import load_source
+from hil.record.sources import load_sources
+from hil.record.table_files import FORMATS, ending
 from hil.record.urdf_joints import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
@@ -274,15 +275,26 @@ def _condition(x: FloatArray) -> float:
 
 
 def own_robot(path: str) -> bool:
-    """Whether the robot is one that `hil run` cannot move: a URDF, a session or a bag."""
-    return path.lower().endswith((".urdf", ".mcap")) or is_bag(path)
+    """Whether the robot is one that `hil run` cannot move: a URDF or a recording."""
+    return path.lower().endswith(".urdf") or recorded(path)
+
+
+def recorded(path: str) -> bool:
+    """Whether the robot is that of a recording: a session, a bag or a table, not of a rig file."""
+    if Path(path).is_dir():
+        return True
+    kind = ending(path)
+    other = kind not in (".toml", ".urdf", "") and Path(path).is_file()
+    return kind in (".mcap", ".bag", ".db3", *FORMATS) or other
 
 
 def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
     """Model and stage of a command line."""
     given = common.model_file(args.model) if args.model else None
-    if args.rig.lower().endswith(".mcap") or is_bag(args.rig):
+    if recorded(args.rig):
         return _session(args, given)
+    if words := common.bag_words(args):
+        raise ConfigError(f"{words[0]} is of a recording, and {args.rig} is none; leave it out")
     if args.rig.lower().endswith(".urdf"):
         source, limits = _urdf(args.rig)
         robot = bare_robot(source)
@@ -326,7 +338,8 @@ def _moving(model: RobotModel) -> RobotModel:
 
 
 def _session(args: argparse.Namespace, given: RobotModel | None) -> tuple[RobotModel, Stage]:
-    run = load_source(args.rig, args.arm or None)
+    choice = replace(common.bag_choice(args), described=given.robot.urdf if given else "")
+    (run,), _ = load_sources([args.rig], [], args.arm or None, choice)
     _refuse_many(run.d, args.rig)
     named = given is not None and bool(given.robot.preset or given.robot.urdf)
     source = given.robot if given is not None and named else run.robot
@@ -521,8 +534,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "rig",
         metavar="RIG.toml",
-        help="rig file, the URDF of a robot of your own, a session (S.mcap) or a ROS bag: without "
-        "a URDF in it the motion keeps to the range, twice the speed and twice the effort recorded",
+        help="rig file, the URDF of a robot of your own, or a recording: a session, a ROS bag or a "
+        "table; without a URDF its motion keeps to the range, twice the speed and twice the effort "
+        "recorded",
     )
     parser.add_argument(
         "--for",
@@ -557,6 +571,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
+    common.add_sources(parser)
+    common.add_tables(parser)
 
 
 @single_threaded

@@ -47,6 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     common.add_holdout(parser)
     common.add_sources(parser)
+    common.add_tables(parser)
     parser.add_argument("--arm", help="arm of the session, e.g. follower")
     parser.add_argument(
         "--feasible",
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
     catalogue.load_installed()
     model = common.model_file(args.model)
     arm = args.arm or model.arm or None
-    runs, held = load_sources(paths, others, arm, common.bag_choice(args))
+    choice = replace(common.bag_choice(args), described=model.robot.urdf)
+    runs, held = load_sources(paths, others, arm, choice)
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)

@@ -6,9 +6,7 @@ It prints JSON, or the session, its faults and what to do next.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import math
 import os
 import shlex
 import sys
@@ -199,6 +197,7 @@ def _add_meaning(parser: argparse.ArgumentParser) -> None:
     """Declare the options that say what the columns mean."""
     parser.add_argument(
         "--map",
+        default="",
         metavar="MAP.toml",
         help="renames, scales, shifts and signs columns; or a built-in map: "
         + ", ".join(builtin_maps()),
@@ -213,48 +212,11 @@ def _add_meaning(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--arm", default="", metavar="NAME", help="name of the arm (default arm)")
     parser.add_argument(
-        "--run", dest="which", default="", metavar="NAME", help="run of a file with several"
-    )
-    parser.add_argument(
         "--all-runs",
         action="store_true",
         help="every run of a file with several, each as a session in the folder -o names",
     )
-    parser.add_argument(
-        "--unit",
-        default="",
-        metavar="UNIT",
-        help="unit of the axes, without a URDF: rad, m, or one a joint (rad,m); deg: positions in "
-        "degrees, speeds in degrees/s",
-    )
-    parser.add_argument(
-        "--torque-constant",
-        default="",
-        metavar="K[,K..]",
-        help="efforts are motor currents [A]: effort at the joint by ampere, one or one a joint",
-    )
-    parser.add_argument(
-        "--rate",
-        type=_rate,
-        default=0.0,
-        metavar="HZ",
-        help="sample rate of a table without a column of times",
-    )
-    parser.add_argument(
-        "--missing",
-        default="",
-        choices=("refuse", "drop", "interpolate"),
-        help="missing values: refuse them (default), leave their rows out, or fill up to 10 rows",
-    )
-
-
-def _rate(text: str) -> float:
-    """A sample rate of the command line."""
-    with contextlib.suppress(ValueError):
-        rate = float(text)
-        if 0 < rate < math.inf:
-            return rate
-    raise argparse.ArgumentTypeError(f"{text!r}: expected samples per second, e.g. 500")
+    common.add_table_words(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -263,7 +225,7 @@ def run(args: argparse.Namespace) -> int:
     if is_bag(args.table):
         return _bag(args)
     common.refuse_topics(args)
-    table, mapping = _source(args.table, args.map, _constants(args.torque_constant))
+    table, mapping = _source(args.table, args.map, common.torque_constants(args.torque_constant))
     if args.propose_map:
         return _propose(args, table, mapping)
     if args.dry_run:
@@ -373,7 +335,7 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         arm=args.arm,
         run=which,
         unit=axes_unit(args.unit, ["deg"]),
-        torque_constant=_constants(args.torque_constant),
+        torque_constant=common.torque_constants(args.torque_constant),
         missing=args.missing,
         rate_hz=args.rate,
         joints=common.bag_joints(args),
@@ -383,16 +345,6 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
         if not recording.robot.urdf:
             make_robot(recording.robot, recording)  # refuses an unknown preset, or another robot
     return found
-
-
-def _constants(text: str) -> tuple[float, ...]:
-    """Torque constants of the command line."""
-    try:
-        return tuple(float(x) for x in text.split(",")) if text else ()
-    except ValueError:
-        raise ConfigError(
-            f"--torque-constant {text}: expected numbers with commas between them, e.g. 12.1,12.1,9"
-        ) from None
 
 
 def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> int:

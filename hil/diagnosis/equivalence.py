@@ -20,6 +20,7 @@ evidence for it is no evidence against it; each limit is one of mechanics:
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -408,12 +409,12 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words = ["hil", "excite", robot_word(problem), "--for", ",".join(names)]
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
-    command = " ".join([*words, "--motion", motion, *output_words(problem)])
+    command = shlex.join([*words, "--motion", motion, *output_words(problem)])
     where, about = "" if whole else f" of {joint}", choose.describe(motion, problem.d)
     text = (
         f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} expected{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")
-        + f"): {command}"
+        + ")"
     )
     why = f"{s.why}; another motion can separate them"
     if choice.now is not None and choice.now.decided:
@@ -476,9 +477,9 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
     loaded = any(np.any(m.static[:, places]) for m in problem.motions)
     if Sight.LOAD in catalogue.get(effect).doc.shown and not loaded:
         return ""
-    where = f" --joint {joints[0]}" if len(joints) == 1 and problem.d > 1 else ""
-    out = " ".join(output_words(problem))
-    return f"hil excite {robot_word(problem)} --for {effect}{where} {out}"
+    where = ["--joint", joints[0]] if len(joints) == 1 and problem.d > 1 else []
+    words = ["hil", "excite", robot_word(problem), "--for", effect, *where]
+    return shlex.join([*words, *output_words(problem)])
 
 
 def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:

@@ -23,7 +23,6 @@ is played within the robot's limits, else within its own.
 from __future__ import annotations
 
 import copy
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -697,14 +696,14 @@ def room(problem: Problem) -> bool:
 
 
 def robot_word(problem: Problem) -> str:
-    """What stands for a robot in a command of `hil excite`: the session, where that says enough.
+    """The word for a robot in a command of `hil excite`: the session, where that says enough.
 
     Of a preset it is the rig; of a robot that only the model describes, its URDF; of a bag without
     a description, the bag.
     """
     source, first = problem.source, problem.recordings[0]
     if BAG in first.metadata:
-        return "ROBOT.urdf" if source.urdf else shlex.quote(first.metadata[BAG])
+        return "ROBOT.urdf" if source.urdf else first.metadata[BAG]
     if source.urdf:
         return f"{first.name}.mcap" if first.robot.urdf == source.urdf else "ROBOT.urdf"
     return f"{first.name}.mcap" if source.preset in ("", "single-axis") else "RIG.toml"

@@ -34,6 +34,32 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True)
+class TableChoice:
+    """How the columns of a table are read, as the options of `hil import` say it.
+
+    Parameters
+    ----------
+    map : str
+        Map file, or the name of a built-in map.
+    unit : str
+        Unit of the axes, or ``"deg"``.
+    rate_hz : float
+        Sample rate of a table without times; 0 where it has some.
+    missing, run : str
+        What becomes of missing values; run of a file with several.
+    torque_constant : tuple of float
+        Effort at the joint by motor current [N m/A].
+    """
+
+    map: str = ""
+    unit: str = ""
+    rate_hz: float = 0.0
+    missing: str = ""
+    run: str = ""
+    torque_constant: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class BagChoice:
     """What is taken of a bag; what is empty is chosen where only one choice is possible.
 
@@ -49,6 +75,10 @@ class BagChoice:
         Where joints are locked [rad or m], before what the bag says.
     tip, arm : str
         Frame of the force; name of the arm, or which of several arms.
+    table : TableChoice
+        How the columns of a table are read.
+    described : str
+        URDF text of the model, for a table that brings no robot.
     """
 
     topic: str = ""
@@ -59,6 +89,8 @@ class BagChoice:
     lock: Mapping[str, float] = field(default_factory=dict)
     tip: str = ""
     arm: str = ""
+    table: TableChoice = TableChoice()
+    described: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Recordings from whatever a path names: a session, a ROS bag, a table, or a folder of the first.
+"""Recordings from whatever a path names: a session, a ROS bag, a table, or a folder of them.
 
-A table is taken as it is where its columns have the names and units of `hil import` without a map.
+The columns of a table have the names and units of `hil import`, or a map says what they are.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
-from hil.record.bags import BagChoice, is_bag, read_bag
+from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf
-from hil.record.recording import LOCKED, Recording, RobotSource
+from hil.record.recording import LOCKED, STATED, Recording, RobotSource
 from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
@@ -32,7 +32,8 @@ _ENDINGS = (".mcap", ".bag", ".db3")
 def find(paths: Iterable[str | Path]) -> list[Path]:
     """Files and bags of some paths; a folder stands for the sessions and bags in it, by name.
 
-    Where it holds none itself, those of the folders in it are taken: of days, of robots.
+    Where it holds none itself, those of the folders in it are taken: of days, of robots.  Where
+    there are none of these either, it stands for its tables.
 
     Raises
     ------
@@ -45,9 +46,10 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
             out.append(path)
             continue
         inside = _inside(path) or [p for place in _folders(path) for p in _inside(place)]
+        inside = inside or _tables(path)
         if not inside:
             lacks = f"folder {path} holds no session and no ROS bag ({', '.join(_ENDINGS)})"
-            raise DataError(f"{lacks}; tables are brought in by hil import").about("tables", lacks)
+            raise DataError(f"{lacks}, and no table").about("tables", lacks)
         out += inside
     return out
 
@@ -69,6 +71,19 @@ def passed_over(paths: Iterable[str | Path]) -> list[str]:
 def _inside(folder: Path) -> list[Path]:
     """Sessions and bags that stand in a folder itself."""
     return [p for p in sorted(folder.iterdir()) if is_bag(p) or _is_file(p)]
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Tables that stand in a folder itself: files of numbers, and not the notes beside them."""
+    from hil.record.table_files import FORMATS, ending
+
+    named = [p for p in sorted(folder.iterdir()) if p.is_file() and not p.name.startswith(".")]
+    tables = [p for p in named if ending(p) in FORMATS]
+    return [p for p in tables if ending(p) not in _NOTES] or tables
+
+
+#: Endings of tables that notes have, too.
+_NOTES = (".txt", ".json")
 
 
 def _folders(path: Path) -> list[Path]:
@@ -201,35 +216,69 @@ def _is_session(path: str | Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
+def _refuse_table_words(paths: Sequence[str | Path], words: TableChoice) -> None:
+    """Refuse what is said of tables where there is none.
+
+    Raises
+    ------
+    ConfigError
+        If something is said.
+    """
+    given = {
+        "map": words.map,
+        "unit": words.unit,
+        "rate": words.rate_hz,
+        "missing": words.missing,
+        "run": words.run,
+        "torque-constant": words.torque_constant,
+    }
+    named = [name for name, value in given.items() if value]
+    if named and not any(_is_table(path) for path in paths):
+        raise ConfigError(f"--{named[0]} is of tables; {', '.join(map(str, paths))} is none")
+
+
+def _is_table(path: str | Path) -> bool:
+    """Whether a path is that of a table; one where nothing is may be."""
+    return not (is_bag(path) or _is_session(path)) or not Path(path).exists()
+
+
 def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
-    """Recordings of a table as it is, one an arm; ``metadata["note"]`` tells what was taken.
+    """Recordings of a table, one an arm; ``metadata["note"]`` tells what was taken.
 
     Raises
     ------
     DataError, ConfigError
-        If it cannot be taken without a map or an option of `hil import`.
+        If it cannot be taken in this way.
     """
-    from hil.record.mapfile import TableMap
+    from hil.record.mapfile import TableMap, read_map
     from hil.record.table_files import open_table
     from hil.record.tables import read_columns
+    from hil.record.units import axes_unit
 
-    robot = RobotSource("", choice.robot, choice.tip) if choice.robot else ""
-    mapping = TableMap(tip=choice.tip)
-    if robot:
-        mapping = replace(mapping, joints=choice.joints, lock=dict(choice.lock))
-    try:
-        found = read_columns(open_table(path), mapping, robot, choice.arm)
-    except (DataError, ConfigError) as error:
-        said = (
-            f"{error}; options and maps for a table are those of 'hil import' (from Python, a data "
-            "frame by hil.from_arrays)"
-        )
-        raise type(error)(said) from error
+    words = choice.table
+    given = read_map(words.map, words.torque_constant) if words.map else TableMap()
+    text = choice.robot or ("" if given.urdf else choice.described)
+    robot = RobotSource("", text, choice.tip or given.tip) if text else ""
+    mapping = replace(
+        given,
+        tip=choice.tip or given.tip,
+        missing=words.missing or given.missing,
+        rate_hz=words.rate_hz or given.rate_hz,
+    ).within(axes_unit(words.unit, ["deg"]), words.torque_constant)
+    described = bool(robot or mapping.urdf)
+    if described:
+        named, locked = choice.joints or given.joints, {**given.lock, **choice.lock}
+        mapping = replace(mapping, joints=named, lock=locked)
+    table = open_table(path, mapping.array, mapping.columns, words.run, mapping.header_row)
+    found = read_columns(table, mapping, robot, choice.arm)
     left = f"; not used: {', '.join(families(found.unused))}" if found.unused else ""
-    taken = f"{path.name}: columns by their names, in SI units"
-    note = "; ".join([taken, *found.notes]) + left
+    how = f"by the map {words.map}" if words.map else "by their names, in SI units"
+    unsaid = all(STATED not in r.metadata for r in found.recordings)
+    if unsaid and not (words.map or described or mapping.unit):
+        how += " (joints that turn are assumed; unit m is for axes that slide)"
+    note = "; ".join([f"{path.name}: columns {how}", *found.notes]) + left
     runs = [replace(r, metadata={**r.metadata, "note": note}) for r in found.recordings]
-    some = bool(choice.joints or choice.lock) and not choice.robot
+    some = bool(choice.joints or choice.lock) and not described
     return [subset(r, choice) for r in runs] if some else runs
 
 
@@ -244,14 +293,19 @@ def load(
     effort_topic: str = "",
     force_topic: str = "",
     tip: str = "",
+    map: str | Path = "",
+    unit: str = "",
+    rate: float = 0.0,
+    missing: str = "",
+    run: str = "",
 ) -> Recording:
     """Load one arm of a session, a ROS bag or a table.
 
     Parameters
     ----------
     path : str or Path
-        Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite); or a table whose
-        columns have the names and units of `hil import`.
+        Session, or a bag: ROS 1, ROS 2 folder, or a file of one (MCAP, SQLite); or a table of
+        `hil import`.
     arm : str, optional
         Arm; default the only one, else the first.
     robot : str or Path
@@ -262,6 +316,8 @@ def load(
         Where joints are locked [rad or m]; default where they stood.
     topic, effort_topic, force_topic, tip : str
         Topics of a bag, and frame of its force; chosen where only one choice is possible.
+    map, unit, rate, missing, run
+        As --map, --unit, --rate [Hz], --missing and --run of `hil import`, for a table.
 
     Raises
     ------
@@ -280,8 +336,17 @@ def load(
     text = named if named.lstrip().startswith("<") else urdf_text(named)
     kept = listed_names(joints, "joints")
     chosen = BagChoice(
-        topic, effort_topic, force_topic, text, kept, dict(lock or {}), tip, arm or ""
+        topic,
+        effort_topic,
+        force_topic,
+        text,
+        kept,
+        dict(lock or {}),
+        tip,
+        arm or "",
+        TableChoice(str(map), unit, rate, missing, run),
     )
+    _refuse_table_words([path], chosen.table)
     return load_source(path, arm, chosen)
 
 
@@ -298,7 +363,8 @@ def urdf_text(path: str) -> str:
     try:
         return read_text(Path(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"robot {path} cannot be read: {error}") from error
+        why = (error.strerror or str(error)) if isinstance(error, OSError) else "it is not text"
+        raise ConfigError(f"robot {path} cannot be read: {why}") from error
 
 
 def load_sources(
@@ -327,6 +393,7 @@ def load_sources(
         As `load_source`.
     """
     chosen = choice or BagChoice()
+    _refuse_table_words([*paths, *held], chosen.table)
     out: list[Recording] = []
     for k, path in enumerate((*paths, *held)):
         wanted = arm or (out[0].arm if k >= len(paths) and out else None)

@@ -117,6 +117,57 @@ def urdf_joints(text: str, where: str = "the URDF") -> tuple[UrdfJoint, ...]:
     return tuple(out)
 
 
+def unlike(one: str, other: str) -> str:
+    """First moving joint of both robots that sits elsewhere, or moves otherwise, in the other.
+
+    Parameters
+    ----------
+    one, other : str
+        Texts of URDFs; empty where there is none.
+
+    Returns
+    -------
+    str
+        Half a sentence; empty where the joints that both have agree.
+    """
+    if not one or not other or one == other:
+        return ""
+    mine, theirs = _places(one), _places(other)
+    for name in mine.keys() & theirs.keys():
+        for what, a in mine[name].items():
+            b = theirs[name][what]
+            if any(abs(x - y) > _SAME_PLACE for x, y in zip(a, b, strict=True)):
+                texts = (" ".join(f"{x:.4g}" for x in v) for v in (a, b))
+                return f"joint {name} has the {what} {' and not '.join(texts)}"
+    return ""
+
+
+#: Numbers of two descriptions [m, rad or 1] that differ by less are the same.
+_SAME_PLACE = 1e-6
+
+
+def _places(text: str) -> dict[str, dict[str, list[float]]]:
+    """Origin and axis of each moving joint."""
+    out = {}
+    for joint in checked_urdf(text).findall("joint"):
+        if joint.get("type") in _KINDS:
+            parts = (
+                ("origin", "xyz", "0 0 0"),
+                ("origin", "rpy", "0 0 0"),
+                ("axis", "xyz", "1 0 0"),
+            )
+            out[joint.get("name", "")] = {
+                f"{tag} {key}": [_number(x) for x in _attribute(joint, tag, key, none).split()]
+                for tag, key, none in parts
+            }
+    return out
+
+
+def _attribute(joint: ET.Element, tag: str, key: str, none: str) -> str:
+    element = joint.find(tag)
+    return none if element is None else element.get(key, none)
+
+
 def frames_of(text: str, where: str = "the URDF") -> list[str]:
     """Names that a tip can have: the links and joints of a URDF.
 

@@ -291,7 +291,10 @@ def further(m: Material) -> str:
 
 
 def _sets(sets: list[Indistinguishable]) -> str:
-    rows = [[" / ".join(s.effects), s.why, s.experiment] for s in sets]
+    rows = [
+        [" / ".join(s.effects), s.why, ": ".join(x for x in (s.experiment, s.command) if x)]
+        for s in sets
+    ]
     return table(["effects", "why", "motion that would show it"], rows, (0, 1, 2))
 
 

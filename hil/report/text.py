@@ -483,7 +483,7 @@ def _separating(s: Indistinguishable) -> str:
             "tried. Use either."
         )
     if not s.experiment.startswith(NO_MOTION):
-        return f"{names}: record {s.experiment}."
+        return f"{names}: record {s.experiment}." + (f"\n{s.command}" if s.command else "")
     other = s.experiment.removeprefix(NO_MOTION).removeprefix("; ")
     return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
 
@@ -591,21 +591,28 @@ class Files:
         return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
 
 
-def with_model(said: str, model: str) -> str:
-    """A text in which each command of `hil excite` takes the model that was analysed.
+def with_files(said: str, files: Files) -> str:
+    """A command of `hil excite` with the recording and the model that were analysed, as typed.
+
+    The motion of a rig is planned within the limits of its file, which nobody has named.
 
     Parameters
     ----------
     said : str
-        With commands or without.
-    model : str
-        Model file; empty for none.
+        The command; or empty.
+    files : Files
+        What was analysed; the first of its sessions stands for the robot.
     """
-    if not model:
-        return said
-    bare = said.replace(" --model M.toml", "")
-    named = shlex.join(["--model", model])
-    return re.sub(r"hil excite (?:'[^']*'|\S+)", lambda found: f"{found[0]} {named}", bare)
+    arm = ["--arm", files.arm] if files.arm else []
+    model = ["--model", files.model] if files.model else []
+    said = said.replace(" --model M.toml", "") if model else said
+    robot = ["hil", "excite", files.sessions[0], *files.more]
+
+    def named(found: re.Match[str]) -> str:
+        rig = found[0].endswith(" RIG.toml")
+        return shlex.join([*(found[0].split() if rig else robot), *arm, *model])
+
+    return re.sub(r"hil excite (?:'[^']*'|\S+)", named, said)
 
 
 def command(m: Material, files: Files | None = None) -> str:

@@ -24,7 +24,7 @@ from hil.models.parts import Trait
 from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import Files, next_steps, percent, with_model
+from hil.report.text import Files, next_steps, percent, with_files
 
 
 @pytest.fixture(scope="module")
@@ -333,14 +333,15 @@ def test_a_rig_s_arm_stands_in_the_verdict():
         assert said.splitlines()[0].endswith("down to the noise floor (arm leader).")
 
 
-def test_motions_that_are_proposed_take_the_model():
-    said = "log odds 3: hil excite 'a b.mcap' --for x --model M.toml --joint j; hil excite r.toml"
-    named = with_model(said, "my arm.toml")
-    assert named == (
-        "log odds 3: hil excite 'a b.mcap' --model 'my arm.toml' --for x --joint j; "
-        "hil excite r.toml --model 'my arm.toml'"
+def test_motions_that_are_proposed_are_of_what_was_typed():
+    files = Files(("Versuch 1.csv",), (), "my arm.toml", "left", ("--robot", "arm.urdf"))
+    said = "hil excite a.mcap --for x --model M.toml --joint j -o next.toml"
+    robot = "'Versuch 1.csv' --robot arm.urdf --arm left --model 'my arm.toml'"
+    assert with_files(said, files) == f"hil excite {robot} --for x --joint j -o next.toml"
+    assert with_files("hil excite RIG.toml --for x", Files(("a.mcap",), (), "m.toml")) == (
+        "hil excite RIG.toml --model m.toml --for x"  # whose limits the rig file knows
     )
-    assert with_model(said, "") == said
+    assert with_files("", files) == ""
 
 
 def test_an_arrow_and_its_numbers_stay_on_one_line():
