@@ -13,6 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hil import outputs, terminal
 from hil.errors import ConfigError
 from hil.models import catalogue
@@ -27,10 +29,11 @@ from hil.userfile import parse_toml, read_text
 
 
 def add_sessions(
-    parser: argparse.ArgumentParser, model: bool = True, what: str = "sessions to fit"
+    parser: argparse.ArgumentParser, model: bool = True, what: str = "recordings to fit"
 ) -> None:
     """Options of every command that looks at sessions with a model."""
-    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help=what)
+    kinds = "sessions, ROS bags, tables, or folders of them"
+    parser.add_argument("sessions", nargs="+", metavar="S.mcap", help=f"{what}: {kinds}")
     add_model(parser)
     if model:
         add_holdout(parser)
@@ -239,6 +242,7 @@ def load(
         model = replace(model, arm=args.arm)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     _refuse_robots([*paths, *others], [*runs, *held])
+    runs = _once(runs)
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
 
@@ -312,6 +316,24 @@ def _refuse_robots(paths: Sequence[Path], runs: Sequence[Recording]) -> None:
             f"the sessions are of {len(groups)} robots, by their joints: {'; '.join(rows)}. Give "
             "those of one robot, or the joints that all have with --joints"
         )
+
+
+def _once(runs: list[Recording]) -> list[Recording]:
+    """Runs without those that hold the samples of another; they would count twice."""
+    out: list[Recording] = []
+    for run in runs:
+        same = [r for r in out if r.n == run.n and r.arm == run.arm and _same(r, run)]
+        if same:
+            terminal.log(f"warning: {run.name} holds the same data as {same[0].name}; left out")
+        else:
+            out.append(run)
+    return out
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    """Whether two recordings hold the same samples."""
+    names = ("t", "q", "tau")
+    return all(np.array_equal(getattr(one, n), getattr(other, n)) for n in names)
 
 
 def _distinct(runs: list[Recording]) -> list[Recording]:

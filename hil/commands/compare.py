@@ -19,7 +19,7 @@ EXAMPLE = "hil compare run.mcap --model arm.toml --report out.html"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     common.add_sessions(
-        parser, what="sessions to fit; with --as-is: to judge the model on as it is"
+        parser, what="recordings to fit (with --as-is: to judge the model on as it is)"
     )
     common.add_report(parser)
     parser.add_argument(

@@ -86,8 +86,8 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
     lines += found.notes
     if lacking := undescribed(found.recordings[0].robot, found.recordings[0].d):
         lines.append(f"note: {lacking}")
-    if found.unused:
-        lines.append(f"not used: {', '.join(families(found.unused))}")
+    if unused := [n for n in found.unused if n]:
+        lines.append(f"not used: {', '.join(families(unused))}")
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
     faults = _faults(found)
     lines += [_fault(f) for f in faults if f.severity != "error"]
@@ -151,6 +151,7 @@ def every(folder: Path, found: Mapping[Path, Imported], model: Path, written: bo
         f"{folder}: {plural(len(found), 'session')}, "
         f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model}: {state}\n"
         f"next:\n  {shlex.join(['hil', 'info', str(folder / first)])}\n"
+        + ("" if bad else f"  {shlex.join(['hil', 'diagnose', str(folder)])}\n")
     )
     return said + useless
 
@@ -420,7 +421,8 @@ def preview(table: Path, found: Imported) -> str:
         parts.append(terminal.table(*first_rows(r), ()))
         parts += [_fault(f) for f in check(r)]
     parts += found.notes
-    parts += [f"not used: {', '.join(families(found.unused))}"] if found.unused else []
+    unused = [n for n in found.unused if n]
+    parts += [f"not used: {', '.join(families(unused))}"] if unused else []
     return (
         "\n".join([*parts, "nothing was written; to write it, give -o S.mcap instead of --dry-run"])
         + "\n"
@@ -454,6 +456,11 @@ def _source(
 ) -> tuple[Path, TableMap | None]:
     """The file, and its map: the given one, or that of a public set."""
     path, known = Path(table), None
+    if path.is_dir() and not is_dataset(path):
+        raise ConfigError(
+            f"{path} is a folder, and hil import takes one table at a time: give each of its "
+            f"files, or analyse all of them as they are, {shlex.join(['hil', 'diagnose', table])}"
+        )
     if not path.exists():
         resolved = datasets.resolve(table)
         if resolved:

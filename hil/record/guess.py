@@ -412,6 +412,8 @@ def _understood(name: str, joints: Sequence[str], series: frozenset[str]) -> _Co
         words = [w for w in words if w not in said]
     scaled = bool(unit) and unit not in UNSCALED
     at, stem = _meant(words, unit if scaled else "")
+    if not stem and not unit and (words == ["zeit"] or (named and not words)):
+        stem = "q" if named else "t"
     if unit == "counts" and not stem and _ENCODER & set(words):
         at, stem = next(k for k, w in enumerate(words) if w in _ENCODER), "q"
     unit = "counts/s" if (stem, unit) == ("qd", "counts") else unit

@@ -421,7 +421,8 @@ def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> No
             why += f"; of a joint without a motor write {missing[0]} = 0.0 in a map"
         raise _no_column(table, missing, why)
     if max(numbers) > d:
-        raise DataError(f"table {table.path}: column {stem}{max(numbers)}, but only {count}")
+        lacking = [f"q{k}" for k in numbers if k > d]
+        raise _no_column(table, lacking, f"it has {stem}{max(numbers)}, and positions of {count}")
 
 
 def _whole_wrench(table: ForeignTable, rules: Mapping[str, Rule]) -> None:

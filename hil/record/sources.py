@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -269,10 +270,19 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     if described:
         named, locked = choice.joints or given.joints, {**given.lock, **choice.lock}
         mapping = replace(mapping, joints=named, lock=locked)
-    table = open_table(path, mapping.array, mapping.columns, words.run, mapping.header_row)
-    found = read_columns(table, mapping, robot, choice.arm)
-    left = f"; not used: {', '.join(families(found.unused))}" if found.unused else ""
-    how = f"by the map {words.map}" if words.map else "by their names, in SI units"
+    try:
+        table = open_table(path, mapping.array, mapping.columns, words.run, mapping.header_row)
+        found = read_columns(table, mapping, robot, choice.arm)
+    except (DataError, ConfigError) as error:
+        if words.map or not re.search(r"\bmap\b|has no column", str(error)):
+            raise
+        propose = shlex.join(["hil", "import", str(path), "--propose-map", "MAP.toml"])
+        writes = "" if "--propose-map" in str(error) else f". '{propose}' writes a map"
+        raise type(error)(f"{error}{writes}, and --map MAP.toml takes it") from error
+    unused = [n for n in found.unused if n]
+    left = f"; not used: {', '.join(families(unused))}" if unused else ""
+    units = "with positions in degrees" if words.unit == "deg" else "in SI units"
+    how = f"by the map {words.map}" if words.map else f"by their names, {units}"
     unsaid = all(STATED not in r.metadata for r in found.recordings)
     if unsaid and not (words.map or described or mapping.unit):
         how += " (joints that turn are assumed; unit m is for axes that slide)"

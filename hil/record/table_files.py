@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -240,8 +240,13 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
         name = array or _choose(path, _runs(data, columns), run, len(columns))
         return _matrix(path, _plain(data), name, columns)
     if len(records) > 1 or (run and records):
-        name = _choose(path, list(records), run)
-        return _named(path, records[name], name)
+        filled = [key for key, value in records.items() if _of_samples(value)]
+        only = filled[0] if len(filled) == 1 else ""
+        name = run or only or _choose(path, list(records), run)
+        found = _named(path, records[_choose(path, list(records), name)], name)
+        left = ", ".join(k for k in records if k != name)
+        said = () if run or not only else (f"read is {name!r}; no samples are in {left}",)
+        return replace(found, notes=(*found.notes, *said))
     if run:
         raise DataError(
             f"table {path}: --run {run!r}, but no runs are declared; "
@@ -249,6 +254,11 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
         )
     inner = next(iter(records.values()), {})
     return _named(path, {**inner, **_plain(data)}, path.stem)
+
+
+def _of_samples(data: Mapping[str, Array]) -> bool:
+    """Whether arrays can be a run: two columns of numbers; a sheet of notes has none."""
+    return sum(v.dtype.kind in NUMBERS and v.size > 1 for v in data.values()) > 1
 
 
 def _named(path: Path, data: Mapping[str, Array], run: str) -> ForeignTable:

@@ -25,6 +25,7 @@ from hil.record.column_checks import (
     unwrapped,
     whole_rows,
 )
+from hil.record.guess import unit_named
 from hil.record.locked import (
     ColumnsRobot,
     columns_robot,
@@ -240,21 +241,23 @@ def _with_defaults(
     """
     own = {**given.expand(table.names), **rules}
     taken = {source for rule in own.values() for source in rule.terms}
-    counted = _from_zero(table, taken) if not own else {}
+    called = _called(table.names)
+    counted = _from_zero(table, called, taken) if not own else {}
     default = {
-        counted.get(n, n): given.rule(counted.get(n, n), n)
-        for n in table.names
-        if (is_target(n) or n in counted)
-        and n not in taken | set(own)
-        and not (n == "t" and given.rate_hz)
+        counted.get(n, c): given.rule(counted.get(n, c), n)
+        for n, c in called.items()
+        if (is_target(c) or n in counted)
+        and n not in taken
+        and c not in own
+        and not (c == "t" and given.rate_hz)
     }
     out, said = {**own, **default}, []
     if counted:
         first = ", ".join(n for n, target in counted.items() if target == f"{n[:-1]}1")
         said.append(f"the columns count joints from 0: {first} are of the first one")
-    lone = [n for n in table.names if n in OF_A_JOINT and n not in taken]
+    lone = {c: n for n, c in called.items() if c in OF_A_JOINT and n not in taken}
     if "q" in lone and not any(n.rstrip("0123456789") in OF_A_JOINT for n in out):
-        out |= {f"{n}1": given.rule(f"{n}1", n) for n in lone}
+        out |= {f"{c}1": given.rule(f"{c}1", n) for c, n in lone.items()}
         said.append(f"taken as the columns of the only joint: {', '.join(lone)}")
     timed = [n for n in table.names if time_unit(n) is not None and n not in taken]
     if "t" not in out and not given.rate_hz and len(timed) == 1:
@@ -263,7 +266,31 @@ def _with_defaults(
     return out, said
 
 
-def _from_zero(table: ForeignTable, taken: Collection[str]) -> dict[str, str]:
+#: A column of a joint without its unit, in letters of any size, and how others call its stem.
+_OF_JOINT = re.compile(r"(q|qd|dq|qdot|tau|tauext|i|temp)([0-9]{0,2})", re.IGNORECASE)
+_WITH_UNIT = re.compile(r"(\w+?) *[\[(]([^\[\]()]+)[\])]")
+_ALIKE = {"dq": "qd", "qdot": "qd"}
+
+
+def _called(names: Sequence[str]) -> dict[str, str]:
+    """How a recording calls each column of a table: ``q1`` of ``Q1 [deg]``, ``qd1`` of ``dq1``.
+
+    A column that is called otherwise, or as another one that comes before it, keeps its name.
+    """
+    out: dict[str, str] = {}
+    for name in sorted(names, key=lambda n: not is_target(n)):
+        united = _WITH_UNIT.fullmatch(name)
+        bare = united[1] if united and unit_named(united[2]) else name
+        found = _OF_JOINT.fullmatch(bare)
+        stem = found[1].lower() if found else ""
+        meant = f"{_ALIKE.get(stem, stem)}{found[2]}" if found else name
+        out[name] = name if meant in out.values() else meant
+    return {name: out[name] for name in names}
+
+
+def _from_zero(
+    table: ForeignTable, called: Mapping[str, str], taken: Collection[str]
+) -> dict[str, str]:
     """Columns of a recording by those of a table that counts its joints from 0; else nothing.
 
     Raises
@@ -272,8 +299,8 @@ def _from_zero(table: ForeignTable, taken: Collection[str]) -> dict[str, str]:
         If some quantities count from 0 and others from 1.
     """
     numbered = re.compile(r"(q|qd|tau|tauext|i|temp)([0-9]{1,2})")
-    found = {n: m for n in table.names if n not in taken and (m := numbered.fullmatch(n))}
-    first = {n for n in found if int(found[n][2]) == 0}
+    found = {n: m for n, c in called.items() if n not in taken and (m := numbered.fullmatch(c))}
+    first = {found[n][0] for n in found if int(found[n][2]) == 0}
     if "q0" not in first:
         return {}
     stems = {m[1] for m in found.values()}

@@ -454,9 +454,18 @@ class _TextColumns:
             yield line
 
     def _lines(self) -> Iterator[tuple[int, str]]:
+        """Rows of cells; one that begins with # is a remark."""
+        rows = ((number, line) for number, line in self.body if not self._remark(line))
         if not self.comma:
-            return iter(self.body)
-        return ((number, line.replace(",", ".")) for number, line in self.body)
+            return rows
+        return ((number, line.replace(",", ".")) for number, line in rows)
+
+    def _remark(self, line: str) -> bool:
+        """Whether a row is a remark, and no sample whose first cell is #N/A."""
+        if line[0] not in "# ":
+            return False
+        first = line.partition(self.delimiter)[0].strip().lower()
+        return first.startswith("#") and first not in _NOTHING
 
     def _slowly(self, wanted: Sequence[str], use: list[int]) -> FloatArray:
         """Row by row: empty cells become NaN, the first bad cell is named."""
