@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
     runs, held, model = common.load(args)
-    found = verbs.compare(runs, model.as_it_is() if args.as_is else model, held)
+    found = verbs.compare(runs, model, held, as_is=args.as_is)
     common.deliver(
         args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)
     )

@@ -197,7 +197,7 @@ def embed(figure: Any, name: str, caption: str) -> str:
 
 
 EXAMPLE = (
-    "hil design rigs/lawrence.toml --design position-force --set stiffness=200 -o own.toml\n"
+    "hil design lawrence --design position-force --set stiffness=200 -o own.toml\n"
     "  hil run own.toml -o s.mcap"
 )
 REPORT = "design"

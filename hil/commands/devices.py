@@ -180,7 +180,7 @@ def _list(kind: str, names: list[str]) -> str:
     return f"{kind} {names[0]}" if len(names) == 1 else f"{kind}es {', '.join(names)}"
 
 
-EXAMPLE = "hil devices rigs/teleop.toml"
+EXAMPLE = "hil devices teleop"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

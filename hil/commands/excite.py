@@ -76,9 +76,10 @@ from hil.models import catalogue
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
 from hil.models.robots import Robot, bare_robot
+from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
 from hil.record.sources import load_sources
-from hil.record.table_files import FORMATS, ending
+from hil.record.table_files import FORMATS, ending, is_dataset
 from hil.record.urdf_joints import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
@@ -281,7 +282,7 @@ def own_robot(path: str) -> bool:
 
 def recorded(path: str) -> bool:
     """Whether the robot is that of a recording: a session, a bag or a table, not of a rig file."""
-    if Path(path).is_dir():
+    if is_bag(path) or is_dataset(Path(path)):
         return True
     kind = ending(path)
     other = kind not in (".toml", ".urdf", "") and Path(path).is_file()
@@ -520,8 +521,8 @@ def beside(args: argparse.Namespace, joints: int) -> str:
 
 
 EXAMPLE = (
-    "hil excite rigs/identify.toml --for stribeck,quadratic-drag --joint joint2 -o next.toml\n"
-    "  hil run rigs/identify.toml --trajectory next.toml -o next.mcap"
+    "hil excite identify --for stribeck,quadratic-drag --joint joint2 -o next.toml\n"
+    "  hil run identify --trajectory next.toml -o next.mcap"
 )
 #: Rows a second of the table that --csv writes [Hz].
 RATE = 1000.0

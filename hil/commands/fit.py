@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 
 from hil import terminal
 from hil.commands import common
@@ -136,7 +137,8 @@ def text(result: FitResult) -> str:
     """The fit for a terminal."""
     rows = []
     for name, v in result.values.items():
-        error = f"{v.stderr:.2g}" if v.stderr == v.stderr else "-"
+        told = v.stderr == v.stderr and v.identifiable
+        error = f"{v.stderr:.2g}" if told else "-"
         unit = "" if v.unit == "1" else v.unit
         rows.append([name, f"{v.value:.5g}", error, unit, _remark(name, v, result.problem.joints)])
     head = ["parameter", "value", "std error", "unit", "remark"]
@@ -149,8 +151,16 @@ def text(result: FitResult) -> str:
         f"  {result.basis.rank} of {result.x.shape[1]} directions determined, condition number "
         f"{result.basis.condition:.3g}, band up to {result.problem.rates.effort:.3g} Hz"
         + _described(result)
+        + _about(result)
         + "".join(f"\n  warning: {text}" for _, text in result.warnings)
     )
+
+
+def _about(result: FitResult) -> str:
+    """About what the inertias of bodies are; empty where the fit has none."""
+    bodies = any(re.fullmatch(r"rigid-body\..+\.I[xyz]{2}", n) for n in result.values)
+    where = "the frame of the joint, those of a URDF about the centre of mass"
+    return f"\n  inertias (I..) are about {where}" if bodies else ""
 
 
 def _described(result: FitResult) -> str:

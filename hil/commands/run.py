@@ -54,7 +54,7 @@ def opener(path: str) -> Callable[[RigConfig, int], Rig]:
     return opened
 
 
-EXAMPLE = "hil run rigs/teleop.toml --clock lockstep --seconds 10 -o s.mcap"
+EXAMPLE = "hil run teleop --clock lockstep --seconds 10 -o s.mcap"
 #: Exit code of a session at whose end the motors were without torque.
 ENDED_PAUSED = 4
 #: How long a session stays PAUSED that nobody can command any more, before it ends [s].

@@ -302,7 +302,7 @@ def _judge(arm: str, k: int, change: FloatArray, torque: float) -> TestStep:
     return TestStep(arm, name, False, text)
 
 
-EXAMPLE = "hil selftest rigs/teleop.toml --torque 0.1"
+EXAMPLE = "hil selftest teleop --torque 0.1"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -155,6 +155,7 @@ def compare(
     model: RobotModel,
     holdout: Runs | None = None,
     *,
+    as_is: bool = False,
     simulate: bool = True,
     fitted: Callable[[FitResult, HeldOut], None] = lambda result, held: None,
     before: Comparison | None = None,
@@ -165,6 +166,8 @@ def compare(
     ----------
     recordings, model, holdout
         Runs to fit, model, runs to judge on.
+    as_is : bool
+        Whether the model keeps its values, in place of a fit of all of them.
     simulate : bool
         Whether the model is simulated over short horizons.
     fitted : callable
@@ -183,6 +186,7 @@ def compare(
         If an argument is of another kind.
     """
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
+    model = model.as_it_is() if as_is else model
     progress.at("fit", 0.0)
     rows, judged = (before.result.problem, before.judged) if before else (None, None)
     problem = make_problem(recordings, model, rows)

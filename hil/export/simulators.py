@@ -42,7 +42,8 @@ def _mjcf(content: Content, name: str, head: tuple[str, ...]) -> dict[str, str]:
         ET.SubElement(body, "inertial", own)
         ET.SubElement(body, "joint", _joint(content, k))
         parents.append(body)
-    motors, offset = ET.SubElement(root, "actuator"), _offset(content)
+    motors = ET.SubElement(root, "actuator")
+    offset = [0.0 if trees.spring(content, k)[0] else x for k, x in enumerate(content.each("1"))]
     for k, joint in enumerate(tree.joints):
         bias = trees.numbers([-offset[k], 0.0, 0.0])
         what = {"gaintype": "fixed", "gainprm": "1", "biastype": "affine", "biasprm": bias}
@@ -63,15 +64,19 @@ def _joint(content: Content, k: int) -> dict[str, str]:
     }
     if math.isfinite(low) and math.isfinite(high):
         out["range"] = trees.numbers([low, high])
-    stiffness, rest = trees.spring(content, k)
+    stiffness, _ = trees.spring(content, k)
     if stiffness:
-        out |= {"stiffness": repr(stiffness), "springref": repr(rest)}
+        out |= {"stiffness": repr(stiffness), "springref": repr(_reference(content, k))}
     return out
 
 
-def _offset(content: Content) -> trees.FloatArray:
-    """Constant efforts by joint."""
-    return content.each("1")
+def _reference(content: Content, k: int) -> float:
+    """Where a joint's spring is at rest: the constant effort of the joint moves it.
+
+    k (q - middle) + t0 = k (q - reference)
+    """
+    stiffness, middle = trees.spring(content, k)
+    return float(middle - content.each("1")[k] / stiffness)
 
 
 def _quaternion(r: trees.FloatArray) -> trees.FloatArray:
@@ -148,10 +153,9 @@ def _sdf_joint(model: ET.Element, content: Content, k: int, parent: str) -> None
     dynamics = ET.SubElement(about, "dynamics")
     _leaf(dynamics, "damping", [content.each("v")[k]])
     _leaf(dynamics, "friction", [content.each("sign")[k]])
-    stiffness, rest = trees.spring(content, k)
+    stiffness, _ = trees.spring(content, k)
     if stiffness:
-        # k (q - rest) + t0 = k (q - reference)
-        _leaf(dynamics, "spring_reference", [rest - content.each("1")[k] / stiffness])
+        _leaf(dynamics, "spring_reference", [_reference(content, k)])
         _leaf(dynamics, "spring_stiffness", [stiffness])
 
 

@@ -43,6 +43,7 @@ def from_arrays(
     tip: str = "",
     unit: str = "",
     missing: str = "",
+    rate: float = 0.0,
     arm: str = "",
     name: str = "arrays",
 ) -> Recording:
@@ -79,6 +80,8 @@ def from_arrays(
         run.
     missing : str
         What becomes of rows with missing values: ``"refuse"``, ``"drop"`` or ``"interpolate"``.
+    rate : float
+        Sample rate [Hz] of a frame without times.
 
     Returns
     -------
@@ -111,6 +114,7 @@ def from_arrays(
 
     given = replace(_map(map), tip=tip or _map(map).tip).within(axes_unit(unit, ["deg"]), ())
     given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
+    given = replace(given, rate_hz=_rate(rate) or given.rate_hz)
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
     if described:
@@ -130,6 +134,13 @@ def from_arrays(
 
 
 _MISSING = ("refuse", "drop", "interpolate")
+
+
+def _rate(rate: float) -> float:
+    """A sample rate [Hz], or 0 for none."""
+    if not 0 <= rate < np.inf:
+        raise ConfigError(f"rate is {rate!r}; expected samples per second, e.g. 500")
+    return float(rate)
 
 
 def _known(what: str, value: str, known: Sequence[str]) -> str:
@@ -377,7 +388,7 @@ def _instead(given: object) -> str | None:
     if isinstance(given, str | Path):
         if Path(given).suffix in (".mcap", ""):
             return f"hil.load({str(given)!r}) reads a session"
-        return f"'hil import {given} -o S.mcap' makes a session, and hil.load reads that"
+        return f"hil.load({str(given)!r}, robot=...) reads a table"
     if hasattr(given, "columns") or isinstance(given, Mapping):
         return "hil.from_arrays(frame, robot=...) makes one of a frame"
     if isinstance(given, np.ndarray):

@@ -205,7 +205,7 @@ def _refuse_not_finite(
             raise DataError(
                 f"{what}; cut or repair {these}, or say what to do with such rows: "
                 'missing = "drop" or "interpolate" in [table] of a map, or '
-                f"{table.option('missing', 'drop')} or interpolate"
+                f"{table.option('missing', 'drop')} or {table.option('missing', 'interpolate')}"
             ).about("missing", what)
 
 

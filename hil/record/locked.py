@@ -447,7 +447,10 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
         given = f'map="{log}"' if table.in_memory else f"--map {log}"
         return DataError(f"{lacks}These are the columns of a {log} log: read it with {given}")
     if table.in_memory:
-        said = patterns(found.columns) if found is not None else {names[0]: "..."}
+        said = patterns(found.columns) if found is not None else {}
+        said = {k: v for k, v in said.items() if k != v}
+        known = found is not None and names[0] in found.columns
+        said |= {} if known else {names[0]: "..."}
         return DataError(
             f"{lacks}Rename with map={{'columns': {said}}}, which may say units, too "
             "(docs/import.md)"

@@ -297,9 +297,21 @@ def test_arrays_say_which_joints_they_lock(plain):
 
 
 def test_a_table_in_the_place_of_a_session_has_a_way_from_python(tmp_path):
-    (tmp_path / "run.csv").write_text("t,q1,tau1\n")
-    with pytest.raises(DataError, match=r"'hil import' \(from Python, .*hil\.from_arrays"):
+    rows = "".join(f"{0.01 * k:.2f},{k % 7},{k % 5}\n" for k in range(200))
+    (tmp_path / "run.csv").write_text("t,angle,torque\n" + rows)
+    with pytest.raises(DataError, match=r"no column 'q1'.*--propose-map.*, and --map"):
         hil.load(tmp_path / "run.csv")
+    (tmp_path / "lab.toml").write_text('[columns]\nq1 = "angle"\ntau1 = "torque"\n')
+    run = hil.load(tmp_path / "run.csv", map=tmp_path / "lab.toml", unit="rad")
+    assert run.n == 200 and np.ptp(run.q) == 6.0
+
+
+def test_a_frame_without_times_takes_a_rate():
+    frame = {"q1": np.sin(0.01 * np.arange(500)), "tau1": np.cos(0.01 * np.arange(500))}
+    run = hil.from_arrays(frame, rate=250.0)
+    assert run.t[1] == 0.004
+    with pytest.raises(DataError, match=r"map=\{'columns': \{'t': '\.\.\.'\}\}"):
+        hil.from_arrays(frame)
 
 
 @pytest.mark.parametrize(

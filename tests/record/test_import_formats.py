@@ -1076,7 +1076,8 @@ def test_a_table_in_si_units_is_analysed_as_it_is(tmp_path, run, capsys):
     said = capsys.readouterr()
     as_it_is = json.loads(said.out)
     assert as_it_is["joints"] == brought_in["joints"]
-    assert "run.csv: columns by their names, in SI units; not used: room" in said.err
+    assert "run.csv: columns by their names, in SI units" in said.err
+    assert "unit m is for axes that slide); not used: room" in said.err
     one, two = hil.load(path, joints=["joint2"]), hil.load(session, joints=["joint2"])
     assert one.joints == ("joint2",) == two.joints
     assert np.array_equal(one.q, two.q)
