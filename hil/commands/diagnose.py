@@ -144,8 +144,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
             lines += [f"  - {step.removesuffix('.')}:", *commands] if commands else []
             commands = []
         else:
-            said, *typed = step.splitlines()
-            lines += [f"  - {said}", *(f"    {line}" for line in typed)]
+            first, *typed = step.splitlines()
+            lines += [f"  - {first}", *(f"    {line}" for line in typed)]
     if commands:
         lines.append("  - For a model that predicts motions like these, without a new name:")
     lines += commands

@@ -158,7 +158,7 @@ class Spring(Effect):
 
     name, family = "spring", "stiffness"
     doc = Doc(
-        equation="tau = k (q - middle) + t0  (middle of the recorded range; rest at middle - t0 / k)",
+        equation="tau = k (q - middle of the range) + t0  (rest at middle - t0 / k)",
         signature="residual proportional to position",
         confused_with=("rigid-body", "position-torque", "cogging"),
         shown_by="static poses over a wide range",

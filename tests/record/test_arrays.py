@@ -110,7 +110,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(plain, change, sentence):
     ("given", "sentence"),
     [
         ("run1.mcap", r"not str; hil.load\('run1.mcap'\) reads a session"),
-        (["run1.csv"], "'hil import run1.csv -o S.mcap' makes a session"),
+        (["run1.csv"], r"hil.load\('run1.csv', robot=...\) reads a table"),
         (pd.DataFrame(), r"not DataFrame; hil.from_arrays\(frame"),
         (np.zeros(3), r"hil.from_arrays\(t, q, tau"),
         ([], "not an empty list"),
@@ -185,7 +185,7 @@ def test_a_map_is_a_dictionary_and_missing_rows_are_dropped(plain):
     angle[50:60] = np.nan
     frame = {"time_ms": 1e3 * plain.t, "angle": angle, "torque": plain.tau[:, 0]}
     said = {"columns": {"q1": {"from": "angle", "unit": "deg"}, "tau1": "torque"}}
-    with pytest.raises(DataError, match=r'or missing="drop" or interpolate'):
+    with pytest.raises(DataError, match=r'or missing="drop" or missing="interpolate"'):
         hil.from_arrays(frame, map=said)
     run = hil.from_arrays(frame, map=said, missing="drop")
     assert run.n == plain.n - 10
