@@ -230,9 +230,13 @@ def _columns(result: FitResult, j: int) -> FloatArray:
 
 
 def _coarse(result: FitResult) -> list[Cut]:
-    """Instants over every run; of several runs each one as a whole, too."""
+    """Instants over every run; of several runs each one as a whole, too, against all others.
+
+    Of two runs one is enough: which of them is the other one is not known.
+    """
     motions = result.problem.motions
-    whole = [(k, 0.0) for k in range(1, len(motions))]
+    whole = [(k, 0.0) for k in range(1 if len(motions) == 2 else 0, len(motions))]
+    whole = whole if len(motions) > 1 else []
     inside = np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
     return whole + [(k, float(m.since[-1] * x)) for k, m in enumerate(motions) for x in inside]
 
