@@ -23,7 +23,7 @@ base, and none.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -31,67 +31,27 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import HALF, MATTERS, NEAR_FLOOR, OPEN, TENTH, WHOLE, WORTH
-from hil.diagnosis.preconditions import GRAVITY
-from hil.identify.design import head
+from hil.diagnosis.constants import (
+    HALF,
+    LITTLE,
+    MATTERS,
+    NEAR_FLOOR,
+    OPEN,
+    TENTH,
+    WHOLE,
+    WORTH,
+)
+from hil.diagnosis.preconditions import GRAVITY, driven, weighed
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.regression import least_squares
+from hil.identify.readings import Reach
 from hil.identify.result import FitResult
-from hil.identify.solve import factors
 from hil.models.effect import Trait
-from hil.models.model import BASE_EFFECTS
 from hil.models.robots import IndependentAxes
 from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-
-
-class Reach:
-    """Least errors of the base model over the motion of a fit.
-
-    Parameters
-    ----------
-    result : FitResult
-        The fit; of one with other terms than the base model's nothing is known.
-    """
-
-    def __init__(self, result: FitResult) -> None:
-        self._known = all(t.effect.name in BASE_EFFECTS for t in result.terms)
-        if self._known:
-            problem = result.problem
-            grids = ((t, problem.grid(t.effect, t.joint) or [t.shape]) for t in result.terms)
-            terms = [replace(t, shape=s) for t, grid in grids for s in grid]
-            with problem.aside():
-                self._q, self._r = factors(problem, terms, np.ones(problem.d))
-
-    def least(self, problem: Problem) -> float:
-        """Least relative error over all joints [%] for the efforts of another problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            Of the same motion.
-
-        Returns
-        -------
-        float
-            Root mean square over the joints; 0 where nothing is known.
-        """
-        if not self._known or any(len(q) != problem.n for q in self._q):
-            return 0.0
-        size = np.sqrt(np.sum(problem.effort**2, axis=1))
-        weight = 100.0 / np.maximum(size, 1e-300)
-        parts = zip(self._q, self._r, problem.y, weight, strict=True)
-        each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
-        right = np.concatenate([c for c, _, _ in each])
-        rows = np.concatenate([r for _, r, _ in each])
-        theta = least_squares(rows, right)
-        # what no column of its joint reaches, and what not all joints reach at once
-        beyond = sum(whole - float(c @ c) for c, _, whole in each)
-        rest = float(np.sum((right - rows @ theta) ** 2))
-        return float(np.sqrt(max(beyond + rest, 0.0) / problem.d))
 
 
 # ------------------------------------------------------------ efforts and forces
@@ -119,28 +79,69 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         return []
     found = _other_posture(result, recordings)
     found += _other_efforts(result, recordings) if doubtful else []
-    return [(code, text) for _, code, text in sorted(found)[:1]]
+    if not found:
+        return []
+    least = min(x.size for x in found)
+    # of what leaves as little, the fewest changes, and masses like the described ones
+    near = [x for x in found if x.size <= (1 + WORTH) * least]
+    best = min(near, key=lambda x: (x.changes, round(x.off, 1), x.size))
+    return [(best.code, best.text)]
 
 
-def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[tuple[float, str, str]]:
-    """Doubt, code and sentence of efforts that fit turned round or exchanged."""
-    reach, found = Reach(result), []
-    for code, text, columns, signs in _changes(result.problem.joints, result.relative):
+@dataclass(frozen=True)
+class _Answer:
+    """A correction of the columns that fits.
+
+    Parameters
+    ----------
+    size : float
+        Error that it leaves [%]; half of it where efforts alone are read in another way, which is
+        less to assume than a posture.
+    code, text : str
+        What is said.
+    changes : int
+        How many entries of a map it changes.
+    off : float
+        How far the gravity that it gives is from the described one.
+    """
+
+    size: float
+    code: str
+    text: str
+    changes: int = 1
+    off: float = 0.0
+
+
+def _off(result: FitResult) -> float:
+    """How far fitted gravity is from the described one: sum of |log| of its ratios."""
+    return sum(abs(float(np.log(max(w.ratio, LITTLE)))) for w in weighed(result))
+
+
+def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
+    """Efforts that fit turned round or exchanged."""
+    reach, found = Reach(result), list[_Answer]()
+    for code, text, columns, signs in _changes(result):
         changed = [replace(r, tau=r.tau[:, columns] * signs) for r in recordings]
         before, problem = _size(result), _again(result, changed)
-        if reach.least(problem) > NEAR_FLOOR * OPEN * before:
+        least = reach.by_joint(problem)
+        every = bool(np.all(signs < 0))  # in one fit; friction alone feels it
+        worse = reach.least(problem) > NEAR_FLOOR * OPEN * before
+        if worse and not every and _fall(least, result, False) > HALF:
             continue
         after = fit(problem, result.model, sweeps=1)
-        if _fits(after, before, OPEN):
-            # an effort that is read wrongly is less to assume than a posture
-            found.append((HALF * _size(after), code, text))
+        fits = _fits(after, before, OPEN)
+        if fits or _freed(after, result):
+            if not fits:
+                text = text.replace("the model fits", f"the model's error {_falls(after, result)}")
+            n = int(np.sum(signs < 0)) + sum(k != x for k, x in enumerate(columns))
+            found.append(_Answer(HALF * _size(after), code, text, n, _off(after)))
     if either := _out_of_order(result, recordings):
-        found = [x for x in found if x[1] != "swapped"]
+        found = [x for x in found if x.code != "swapped"]
     return found + either
 
 
-def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[tuple[float, str, str]]:
-    """Doubt, code and sentence of efforts that stand in another order than their positions.
+def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
+    """Efforts that stand in another order than their positions.
 
     Either ones may be in the wrong columns: what fits is offered, both where both do.
     """
@@ -153,19 +154,21 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[tuple[
     tried = []
     for stem, columns, runs in (("tau", back, efforts), ("q", order, motions)):
         after = fit(_again(result, runs), result.model, sweeps=1)
-        if _fits(after, before, OPEN):
+        if _fits(after, before, OPEN) or _freed(after, result):
             tried.append((_size(after), stem, columns))
     if not tried:
         return []
     least = min(size for size, *_ in tried)
     said = [_exchange(stem, x, result.problem.joints) for e, stem, x in tried if HALF * e < least]
     text = f"{said[0][0]}; name the columns in a map ({said[0][1]})"
+    if least > OPEN * before:
+        text = text.replace("the model fits", "the model fits better, though not all is explained")
     if len(said) > 1:
         text += (
             f". With the positions in another order it fits as well ({said[1][1]}): the program "
             "that wrote the table knows which of the two it exchanged; change only one of them"
         )
-    return [(HALF * least, "swapped", text)]
+    return [_Answer(HALF * least, "swapped", text, 2)]
 
 
 def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple[str, str]:
@@ -216,9 +219,48 @@ def _again(
     return Problem(changed, source, result.model.explains, rates=problem.rates)
 
 
+def _falls(after: FitResult, before: FitResult) -> str:
+    """How an error falls: over all joints where it does so much, else of the joint that gains."""
+    b, a = _size(before), _size(after)
+    if _fits(after, b, OPEN) or before.problem.d == 1:
+        return f"falls from {b:.3g} to {a:.3g} % of the effort"
+    j = int(
+        np.argmin(np.maximum(after.relative, 100 * MATTERS) / np.maximum(before.relative, 1e-9))
+    )
+    return (
+        f"falls from {before.relative[j]:.3g} to {after.relative[j]:.3g} % of the effort on "
+        f"{before.problem.joints[j]}; more is missing, which a diagnosis of the mended recording "
+        "may name"
+    )
+
+
 def _fits(after: FitResult, before: float, share: float) -> bool:
     """Whether a model that left so much over all joints [%] leaves less than a share of it now."""
     return _size(after) < share * before and float(np.max(after.relative)) < 100 * HALF
+
+
+def _fall(after: FloatArray, before: FitResult, one_by_one: bool = True) -> float:
+    """What is left of errors (d,) [%] in their geometric mean; 1 and more where they rise.
+
+    What is hidden beside a wrong column stays on its own joints, and may be most of their error:
+    log s_j summed over the joints is what a likelihood counts that knows no s_j.  A fall beside a
+    rise on another joint counts less, by `OPEN` for `HALF`.
+    """
+    moves = ~before.problem.holds & ~before.problem.silent
+    least = 100 * MATTERS
+    ratio = (np.maximum(after, least) / np.maximum(before.relative, least))[moves]
+    fall = float(np.exp(np.mean(np.log(ratio))))
+    return fall * HALF / OPEN if one_by_one and np.any(ratio > 1 + WORTH) else fall
+
+
+def _freed(after: FitResult, before: FitResult) -> bool:
+    """Whether a correction without a free zero takes most of the error, beside what is hidden.
+
+    It may not lead away from the described gravity; one that mends a gravity of another order need
+    not take most.
+    """
+    nearer, fall = _off(before) - _off(after), _fall(after.relative, before)
+    return nearer > -WORTH and fall < (1 - TENTH if nearer > -np.log(TENTH) else HALF)
 
 
 def _of_tip(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
@@ -251,33 +293,23 @@ def _of_tip(result: FitResult, recordings: list[Recording]) -> list[tuple[str, s
     ]
 
 
-def driven(result: FitResult) -> bool:
-    """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
-    friction = Trait.DRY | Trait.VISCOUS
-    rubbing = [t for t in result.terms if t.effect.traits & friction]
-    every = [f"{head(t.effect, t.joint)}.{t.effect.params[0].name}" for t in rubbing]
-    names = [n for n in every if n in result.values]
-    return bool(names) and all(result.values[n].at_bound for n in names)
-
-
 def _size(result: FitResult) -> float:
     """Relative error over all joints [%]."""
     return float(np.sqrt(np.mean(result.relative**2)))
 
 
-def _changes(
-    joints: tuple[str, ...], error: FloatArray
-) -> Iterator[tuple[str, str, list[int], FloatArray]]:
+def _changes(result: FitResult) -> Iterator[tuple[str, str, list[int], FloatArray]]:
     """Code, sentence, order and signs of the columns that may be meant.
 
     A joint whose effort is another one's fits badly, and so does the other one's.
     """
+    joints, error = result.problem.joints, result.relative
     d, bad = len(joints), error > 100 * TENTH
     order, fits = list(range(d)), "with the other sign the model fits; change it in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
-    if d > 1 and (2 * np.sum(error > 100 * OPEN) >= d or not np.any(bad)):
+    if d > 1:
         text = (
             "all efforts have the wrong sign: with the other one the model fits; change it in a map"
         )
@@ -286,12 +318,20 @@ def _changes(
         swapped = _exchanged(order, a, b)
         text, taken = _exchange("tau", swapped, joints)
         yield "swapped", f"{text}; name the columns in a map ({taken})", swapped, np.ones(d)
+        if d > 2:
+            signs = np.where(np.isin(np.arange(d), (a, b)), -1.0, 1.0)
+            both = f"tau{a + 1} and tau{b + 1} ({joints[a]}, {joints[b]}) have the wrong sign"
+            yield "sign", f"{both}: {fits}", order, signs
 
 
 # ------------------------------------------------------------ postures
 
 #: Instants on which other postures are tried, and steps of a zero around the turn.
 INSTANTS, STEPS = 500, 24
+#: Stands for a factor until a fit has told it.
+TIMES = "{times}"
+#: Largest scale of an effort and of a position that is tried.
+OTHER_SCALES = {"effort": 1000.0, "scale": 8.0}
 #: Gravity where the description has none [m/s^2].
 EARTH = 9.81
 #: Share of the largest direction of the rigid body below which another one counts as none.
@@ -305,14 +345,29 @@ class Sense:
     Parameters
     ----------
     sign, shift : float
-        True position = sign * recorded + shift [rad or m].
+        True position = sign * scale * recorded + shift [rad or m].
     effort : float
-        The same sign of the effort.
+        Factor of the effort, its sign among it.
+    scale : float
+        Factor of the position.
     """
 
     sign: float = 1.0
     shift: float = 0.0
     effort: float = 1.0
+    scale: float = 1.0
+
+    @property
+    def free(self) -> bool:
+        """Whether its zero is a number that was fitted, and no quarter of a turn."""
+        turns = self.shift / (np.pi / 2)
+        return abs(turns - round(turns)) > SAME
+
+    @property
+    def changes(self) -> int:
+        """How many entries of a map this is; a zero that was fitted counts twice."""
+        entries = (self.sign < 0, self.shift != 0.0, self.effort != 1.0, self.scale != 1.0)
+        return sum(entries) + self.free
 
 
 @dataclass(frozen=True)
@@ -343,7 +398,8 @@ class Postures:
         pick = np.unique(np.linspace(0, problem.n - 1, INSTANTS).astype(int))
         self._states = [x[:, pick].T for x in (problem.q, problem.qd, problem.qdd)]
         beside = result.x.reshape(problem.d, problem.n, -1)[:, pick][:, :, ~body]
-        self._rows = []
+        self._rows = list[_Rows]()
+        self._kept: tuple[object, FloatArray] | None = None
         for j in np.flatnonzero(~problem.holds).tolist():
             at = np.flatnonzero(problem.live[j, pick])
             own, y = beside[j, at], problem.effort[j, pick[at]]
@@ -362,27 +418,44 @@ class Postures:
 
         `gravity` (3,) [m/s^2] in place of the described one; `order`: the columns of each joint.
         """
-        sign, shift = np.array([(x.sign, x.shift) for x in senses]).T
         taken = list(order or range(self._d))
-        q, v, a = (x[:, taken] for x in self._states)
-        tree, states = self._robot.tree, (q * sign + shift, v * sign, a * sign)
-        if tree is None or gravity is None:
-            y = self._robot.regressor(*states)
-        else:
-            y = replace(tree, gravity=gravity).regressor(*states) @ tree.spread
-        parts = [_beside(y[r.at, taken.index(r.j)] / r.size, r.own) for r in self._rows]
+        y = self._regressor(senses, taken, gravity)
+        # an effort in another scale: the masses of its joint seem so many times smaller
+        sizes = [r.size * abs(senses[r.j].effort) for r in self._rows]
+        parts = [
+            _beside(y[r.at, taken.index(r.j)] / size, r.own)
+            for r, size in zip(self._rows, sizes, strict=True)
+        ]
         size = np.sqrt(np.sum([np.sum(x**2, axis=0) for x in parts], axis=0))
         parts = [x / np.maximum(size, 1e-300) for x in parts]
         values, vectors = np.linalg.eigh(np.sum([x.T @ x for x in parts], axis=0))
         known = values > SAME * values[-1]
         pull = {r.j: x.T @ r.y for r, x in zip(self._rows, parts, strict=True)}
-        others = sum((senses[k].effort * c for k, c in pull.items() if k != j), 0.0 * pull[j])
+        signs = {k: np.sign(senses[k].effort) for k in pull}
+        others = sum((signs[k] * c for k, c in pull.items() if k != j), 0.0 * pull[j])
         whole = sum(float(r.y @ r.y) for r in self._rows)
         as_it_is, turned = (
             whole - float(np.sum((vectors.T[known] @ c) ** 2 / values[known]))
             for c in (others + pull[j], others - pull[j])
         )
         return as_it_is, turned
+
+    def _regressor(
+        self, senses: Sequence[Sense], taken: list[int], gravity: FloatArray | None
+    ) -> FloatArray:
+        """Columns of the rigid body as joints are counted; those of the last posture are kept."""
+        moved = [(x.sign * x.scale, x.shift) for x in senses]
+        if gravity is None and self._kept and self._kept[0] == (moved, taken):
+            return self._kept[1]
+        factor, shift = np.array(moved).T
+        q, v, a = (x[:, taken] for x in self._states)
+        tree, states = self._robot.tree, (q * factor + shift, v * factor, a * factor)
+        if tree is None or gravity is None:
+            y = self._robot.regressor(*states)
+        else:
+            y = replace(tree, gravity=gravity).regressor(*states) @ tree.spread
+        self._kept = ((moved, taken), y) if gravity is None else None
+        return y
 
     def order(self) -> list[int]:
         """Columns of each joint that leave least: two joints exchanged, then two others."""
@@ -430,20 +503,45 @@ class Postures:
         found = scipy.optimize.minimize(rest, np.zeros(2), method="Nelder-Mead")
         return turned(found.x) if found.fun < WHOLE * left(best) else best
 
+    def bests(self) -> list[list[Sense]]:
+        """Senses of all joints that leave least: the joint that helps most first, then the next.
+
+        Where another joint does as much at first, what begins with it, too.
+        """
+        as_read = [Sense() for _ in range(self._d)]
+        first = self._tried(as_read)
+        out: list[list[Sense]] = []
+        for left, sense, j in first:
+            if left <= (1 + WORTH) * first[0][0] and left <= WHOLE * self._now(as_read):
+                senses = [sense if k == j else x for k, x in enumerate(as_read)]
+                for _ in self._rows[1:]:
+                    now, (then, other, k) = self._now(senses), self._tried(senses)[0]
+                    if then > WHOLE * now:
+                        break
+                    senses[k] = other
+                out += [] if senses in out else [senses]
+        return out
+
     def best(self) -> list[Sense]:
-        """Senses of all joints that leave least: the joint that helps most first, then the next."""
-        senses = [Sense() for _ in range(self._d)]
-        for _ in self._rows:
-            now = self.left(senses, self._rows[0].j)[0]
-            found = [(*self._of_one(senses, r.j), r.j) for r in self._rows]
-            left, sense, j = min(found, key=lambda x: x[0])
-            if left > WHOLE * now:
-                break
-            senses[j] = sense
-        return senses
+        """The first of them; as recorded where none helps."""
+        return next(iter(self.bests()), [Sense() for _ in range(self._d)])
+
+    def _now(self, senses: Sequence[Sense]) -> float:
+        """What some senses leave."""
+        j = self._rows[0].j
+        return self.left(senses, j)[int(senses[j].effort < 0)]
+
+    def _tried(self, senses: Sequence[Sense]) -> list[tuple[float, Sense, int]]:
+        """What the best sense of each joint leaves beside those of the others, least first."""
+        found = [(*self._of_one(senses, r.j), r.j) for r in self._rows]
+        return sorted(found, key=lambda x: x[0])
 
     def _of_one(self, senses: Sequence[Sense], j: int) -> tuple[float, Sense]:
-        """What the best sense of one joint leaves, and that sense; the others keep theirs."""
+        """What the best sense of one joint leaves, and that sense; the others keep theirs.
+
+        Of senses that leave as little it is the nearest to the recorded one: the motion may show no
+        zero, as of a last joint, whose centre of mass is free.
+        """
 
         def left(sign: float, shift: float) -> tuple[float, Sense]:
             now = [Sense(sign, shift) if k == j else x for k, x in enumerate(senses)]
@@ -452,23 +550,60 @@ class Postures:
 
         turns, step = self._robot.units[j] == "rad", 2 * np.pi / STEPS
         shifts = step * np.arange(STEPS) if turns else np.zeros(1)
-        least, best = min(
-            (left(sign, float(z)) for sign in (1.0, -1.0) for z in shifts), key=lambda x: x[0]
-        )
-        if not turns or least > WHOLE * self.left(senses, j)[senses[j].effort < 0]:
-            return least, best
+        tried = [left(sign, float(z)) for sign in (1.0, -1.0) for z in shifts]
+        least = min(x for x, _ in tried)
+        if not turns or least > WHOLE * self._now(senses):
+            return min(tried, key=lambda x: x[0])
+        simple = [left(sign, z) for sign in (1.0, -1.0) for z in np.pi / 2 * np.arange(4)]
+        near = [x for x in simple if x[0] <= (1 + WORTH) * least]
+        if near:
+            return self._centred(min(near, key=lambda x: x[1].changes))
+        best = min(tried, key=lambda x: x[0])[1]
         found = scipy.optimize.minimize_scalar(
             lambda z: left(best.sign, float(z))[0],
             bounds=(best.shift - step, best.shift + step),
             method="bounded",
         )
-        least = float(found.fun)
         # a quarter of a turn, or none, where the motion shows no finer angle
-        near = left(best.sign, np.pi / 2 * round(float(found.x) / (np.pi / 2)))
-        if near[0] > (1 + WORTH) * least:
-            near = left(best.sign, float(found.x))
-        shift = float((near[1].shift + np.pi) % (2 * np.pi) - np.pi)
-        return near[0], replace(near[1], shift=shift)
+        nearest = left(best.sign, np.pi / 2 * round(float(found.x) / (np.pi / 2)))
+        if nearest[0] > (1 + WORTH) * float(found.fun):
+            nearest = left(best.sign, float(found.x))
+        return self._centred(nearest)
+
+    @staticmethod
+    def _centred(x: tuple[float, Sense]) -> tuple[float, Sense]:
+        """The same zero within half a turn."""
+        return x[0], replace(x[1], shift=float((x[1].shift + np.pi) % (2 * np.pi) - np.pi))
+
+    def scales(self) -> list[list[Sense]]:
+        """Senses with one joint's position or effort in another scale that leave clearly less.
+
+        Of twice or more, or half and less: what is nearer is a drive's, or a transmission's.
+        """
+        as_read = [Sense() for _ in range(self._d)]
+        now, found = self._now(as_read), list[tuple[float, list[Sense]]]()
+        for name, most in OTHER_SCALES.items() if self._rows[1:] else ():
+            for r in self._rows:
+
+                def senses(x: float, name: str = name, j: int = r.j) -> list[Sense]:
+                    one = replace(as_read[j], **{name: float(np.exp(x))})
+                    return [one if k == j else s for k, s in enumerate(as_read)]
+
+                def left(x: float, senses: Callable[[float], list[Sense]] = senses) -> float:
+                    return self._now(senses(float(x)))
+
+                grid = np.log(most) * np.linspace(-1, 1, STEPS + 1)
+                best = min(grid.tolist(), key=left)
+                if left(best) > WHOLE * now:
+                    continue
+                step = float(grid[1] - grid[0])
+                fine = scipy.optimize.minimize_scalar(
+                    left, bounds=(best - step, best + step), method="bounded"
+                )
+                if abs(fine.x) > -np.log(HALF) - TENTH:
+                    found.append((float(fine.fun), senses(float(fine.x))))
+        least = min((x for x, _ in found), default=0.0)
+        return [x for left, x in found if left <= 2 * least]
 
 
 def _exchanged(order: list[int], a: int, b: int) -> list[int]:
@@ -484,51 +619,79 @@ def _beside(x: FloatArray, q: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Reading:
-    """The runs read in another way: code, sentence, the share of the error that may stay."""
+    """The runs read in another way: code, sentence, the share of the error that may stay.
+
+    How many entries of a map it changes, and whether none of them is a number that was fitted.
+    """
 
     runs: list[Recording]
     robot: RobotSource
     code: str
     text: str
     share: float
+    changes: int = 1
+    fixed: bool = False
+    senses: tuple[Sense, ...] = ()
 
 
-def _other_posture(result: FitResult, recordings: list[Recording]) -> list[tuple[float, str, str]]:
-    """Error [%], code and sentence of postures that fit in another way; none where none does."""
+def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
+    """Postures that fit in another way; none where none does."""
     if isinstance(result.problem.robot, IndependentAxes) or result.problem.d < 2:
         return []
     before, out = _size(result), []
     for x in _readings(result, recordings):
         model = replace(result.model, robot=x.robot)
         after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
-        if _fits(after, before, x.share):
-            left = f"{before:.3g} to {_size(after):.3g} % of the effort"
-            said = f"{x.text}, and import again: the model's error falls from {left}"
-            out.append((_size(after), x.code, said))
+        if _fits(after, before, x.share) or (x.fixed and _freed(after, result)):
+            said = f"{x.text}, and import again: the model's error {_falls(after, result)}"
+            if TIMES in said:
+                said = said.replace(TIMES, f"{_times(x, after):.2g}")
+            out.append(_Answer(_size(after), x.code, said, x.changes, _off(after)))
     return out
 
 
 def _readings(result: FitResult, recordings: list[Recording]) -> Iterator[_Reading]:
     """Other orders and senses of the joints, and another gravity, that promise less error."""
     postures, joints, robot = Postures(result), result.problem.joints, result.problem.source
-    order, senses, gravity = postures.order(), postures.best(), postures.gravity()
+    order, gravity = postures.order(), postures.gravity()
     if order != sorted(order):
         runs = [_ordered(r, order) for r in recordings]
-        yield _Reading(runs, robot, "order", _of_order(joints, order), OPEN)
-    if any(x != Sense() for x in senses):
-        columns = np.array([(x.sign, x.shift, x.effort) for x in senses]).T
+        moved = sum(k != n for n, k in enumerate(order))
+        yield _Reading(runs, robot, "order", _of_order(joints, order), OPEN, moved, True)
+    for senses in (*postures.bests(), *postures.scales()):
+        columns = np.array([(x.sign * x.scale, x.shift, x.effort) for x in senses]).T
         runs = [_read(r, *columns) for r in recordings]
         # a quarter of a turn is no chance: what other effects leave may be half of the square then
-        turns = np.array([x.shift for x in senses]) / (np.pi / 2)
-        share = HALF**0.5 if np.all(turns == np.round(turns)) else OPEN
-        yield _Reading(runs, robot, "posture", _of_senses(result.problem, senses), share)
+        turned = any(x.sign < 0 or x.shift for x in senses)
+        quarters = not any(x.free for x in senses)
+        scaled = any(x.scale != 1.0 or abs(x.effort) != 1.0 for x in senses)
+        yield _Reading(
+            runs,
+            robot,
+            "scale" if scaled else "posture" if turned else "sign",
+            _of_senses(result.problem, senses),
+            HALF**0.5 if turned and quarters else OPEN,
+            sum(x.changes for x in senses),
+            quarters,
+            tuple(senses),
+        )
     if gravity is not None:
         numbers = " ".join(f"{x:.3g}" for x in gravity + 0.0)
         text = (
             f"gravity does not act as the robot description says. Write <gravity>{numbers}"
             "</gravity> within <robot> of the URDF"
         )
-        yield _Reading(recordings, _in_gravity(robot, gravity), GRAVITY, text, OPEN)
+        # another zero of the first joint may be the same, and is a commoner mistake
+        yield _Reading(recordings, _in_gravity(robot, gravity), GRAVITY, text, OPEN, 2)
+
+
+def _times(x: _Reading, after: FitResult) -> float:
+    """Factor of the column that is scaled; of an effort, that which gives the described gravity."""
+    j, sense = next((j, s) for j, s in enumerate(x.senses) if s != Sense())
+    if sense.scale != 1.0:
+        return sense.scale
+    ratio = next((w.ratio for w in weighed(after) if w.joint == j), 1.0)
+    return sense.effort / ratio if ratio > 0.0 else sense.effort
 
 
 def _ordered(r: Recording, order: list[int]) -> Recording:
@@ -557,13 +720,25 @@ def _in_gravity(source: RobotSource, gravity: FloatArray) -> RobotSource:
 
 
 def _of_senses(problem: Problem, senses: Sequence[Sense]) -> str:
-    """What a map says of joints that are counted in another sense."""
+    """What a map says of joints that are counted in another sense, or in another scale."""
     rows = zip(problem.joints, problem.robot.units, senses, strict=True)
     said = [
         f"q{k + 1} ({joint}): {_in_words(x, unit)}"
         for k, (joint, unit, x) in enumerate(rows)
         if x != Sense()
     ]
+    for k, x in enumerate(senses):
+        if x.scale != 1.0 or abs(x.effort) != 1.0:
+            stem = "q" if x.scale != 1.0 else "tau"
+            return (
+                f"{stem}{k + 1} ({problem.joints[k]}) is in another unit or scale than the other "
+                f"columns. Multiply it by about {TIMES} in a map (scale = {TIMES}; the exact "
+                "number is that of the unit or of the gear)"
+            )
+    if all(x == Sense(effort=x.effort) for x in senses):
+        turned = [f"tau{k + 1} ({problem.joints[k]})" for k, x in enumerate(senses) if x.effort < 0]
+        have = "has" if len(turned) == 1 else "have"
+        return f"{' and '.join(turned)} {have} the wrong sign: write sign = -1 for it in a map"
     return f"the positions do not follow the robot description. Write in a map ({'; '.join(said)})"
 
 
@@ -580,4 +755,7 @@ def _in_words(x: Sense, unit: str) -> str:
         parts.append(f"shift = {x.shift:.4g} {unit}")
         if unit == "rad":
             parts[-1] += f" ({np.degrees(x.shift):.3g} deg)"
-    return " and ".join(parts) + (", and sign = -1 for its effort" if x.effort < 0 else "")
+    own = " and ".join(parts)
+    if x.effort > 0:
+        return own
+    return f"{own}, and sign = -1 for its effort" if own else "sign = -1 for its effort"

@@ -36,7 +36,13 @@ from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, within_errors
 from hil.diagnosis.naming import Named, emptied, exchange, separated, shares
-from hil.diagnosis.preconditions import doubts, touched, undetermined, upwards
+from hil.diagnosis.preconditions import (
+    doubts,
+    touched,
+    undetermined,
+    upwards,
+    without_effort,
+)
 from hil.diagnosis.remodel import Visited
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
@@ -119,9 +125,9 @@ def diagnose(
     recordings, model = as_runs(recordings, "hil.diagnose"), as_model(model, "hil.diagnose")
     held = held_out(holdout, "hil.diagnose")
     faults = [f for r in recordings for f in check(r)]
-    errors = [(f.code, f.sentence) for f in faults if f.severity == "error"]
+    errors = [f for f in faults if f.severity == "error"] or without_effort(recordings)
     if errors:
-        return Diagnosis("bad-data", warnings=errors)
+        return Diagnosis("bad-data", warnings=[(f.code, f.sentence) for f in errors])
     out = _diagnosed(recordings, model, held, seed, faults)
     lightest = _lightest(out)
     if lightest:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.diagnosis.candidates import model_groups, paired
@@ -14,6 +15,7 @@ from hil.diagnosis.constants import (
     BEYOND,
     CERTAIN,
     DISAGREEMENT,
+    HALF,
     LITTLE,
     OPEN,
     SHORTEST,
@@ -24,6 +26,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import GramTable, Group
 from hil.errors import plural
+from hil.identify.design import Term, head
 from hil.identify.problem import Problem
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
@@ -31,6 +34,7 @@ from hil.models.contact import penetration
 from hil.models.effect import Trait
 from hil.models.model import RobotModel
 from hil.models.parts import TELLING_PUSH
+from hil.record.consistency import DataFault
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
@@ -123,6 +127,35 @@ def _agreement(result: FitResult, j: int) -> float:
     return float(np.corrcoef(depth[touching], y[touching])[0, 1] ** 2)
 
 
+def without_effort(recordings: Sequence[Recording]) -> list[DataFault]:
+    """Fault where no joint's effort changes in any run, so that there is nothing to explain.
+
+    One run of a constant effort beside others is sound, as of a motor that is fed by steps.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        All runs that are fitted.
+    """
+    if any(r.wrench is not None or r.tau_ext is not None for r in recordings):
+        return []
+    efforts = np.concatenate([r.tau for r in recordings])
+    if not efforts.size or np.any(np.ptp(efforts, axis=0) > 0):
+        return []
+    names = recordings[0].joints
+    each = ", ".join(
+        f"tau{k + 1} ({n}) is {x:.4g}"
+        for k, (n, x) in enumerate(zip(names, efforts[0], strict=True))
+    )
+    text = (
+        f"no effort changes in the whole recording: {each} throughout. Is the channel dead, or is "
+        "it another column? Name the column of the measured effort in a map, or record it again"
+    )
+    return [DataFault(CONSTANT_EFFORT, "error", "", text)]
+
+
+#: Code of the fault that no effort ever changes.
+CONSTANT_EFFORT = "constant-effort"
 OTHER_ROBOT = "other-robot"
 
 
@@ -192,6 +225,8 @@ class Weighed:
 def weighed(result: FitResult) -> list[Weighed]:
     """Gravity of every joint that moves, by the data beside the description; empty without one.
 
+    Of joints whose described gravity the effort can show: of an upright axis it is none.
+
     With gravity  g(q) = G(q) theta  of the fit and  g_0 = G theta_0  of the description, both
     without their means (an offset is not gravity),
 
@@ -199,11 +234,22 @@ def weighed(result: FitResult) -> list[Weighed]:
 
     a linear function of theta, whose variance follows from that of the fit.
     """
-    problem, out = result.problem, list[Weighed]()
-    tree = problem.robot.tree
+    return [w for w in _every(result) if w.share >= LITTLE]
+
+
+def _body(result: FitResult) -> Iterator[tuple[Term, slice]]:
+    """The free rigid body of a fit beside a description, and the place of its coefficients."""
+    if result.problem.robot.tree is None or result.pull is not None:
+        return
     for t, where in zip(result.terms, result.slices, strict=True):
-        if tree is None or t.fixed or result.pull is not None or Trait.BODY not in t.effect.traits:
-            continue
+        if Trait.BODY in t.effect.traits and not t.fixed:
+            yield t, where
+
+
+def _every(result: FitResult) -> list[Weighed]:
+    """The same of all joints of which the described or the fitted gravity can be seen."""
+    problem, out = result.problem, list[Weighed]()
+    for t, where in _body(result):
         parts = problem.at_rest(t.effect, t.joint, t.shape)
         for j in np.flatnonzero(~problem.holds).tolist():
             found = _weighed(result, where, [(some, g[:, j]) for some, g in parts], j)
@@ -227,16 +273,19 @@ def _weighed(
     power = float(said @ said)
     rms = float(problem.rms(problem.effort)[j])
     share = float(np.sqrt(power / len(said))) / max(rms, 1e-300)
-    if share < LITTLE:  # nothing that the effort could show: of an upright axis it is none
+    if power <= 0.0:
         return None
     slope = said @ columns / power
+    ratio = float(slope @ result.theta[where])
+    if share * max(abs(ratio), 1.0) < LITTLE:
+        return None
     # in the fit's own directions: var(c'theta) = |c' V / (S scale)|^2, times what colour takes
     b = result.basis
     spread = (slope / b.scale[where]) @ (b.v[where] / b.s)
     stderr = (
         float(np.linalg.norm(spread)) * float(inflation(result.residual[j], problem.run)) ** 0.5
     )
-    return Weighed(j, float(slope @ result.theta[where]), stderr, share)
+    return Weighed(j, ratio, stderr, share)
 
 
 #: Code of the warning that a fit foretells less than nothing does.
@@ -265,12 +314,28 @@ def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
 GRAVITY = "description-gravity"
 
 
-def _other_gravity(every: Sequence[Weighed]) -> str:
+#: Code of the warning that the efforts are in another scale than the description.
+EFFORT_SCALE = "effort-scale"
+#: Postures at which a described gravity is compared, and steps of a zero around the turn.
+POSTURES, STEPS = 500, 24
+
+
+def _times(every: Sequence[Weighed]) -> str:
+    """What was measured, e.g. ``0.02`` or ``-0.03 to 0.02``."""
+    told = [f"{x:.2g}" for x in sorted(w.ratio for w in every)]
+    return told[0] if told[0] == told[-1] else f"{told[0]} to {told[-1]}"
+
+
+def _other_gravity(result: FitResult, every: Sequence[Weighed]) -> str:
     """Sentence where all joints give no gravity, or the opposite one; else empty."""
+    sign = (
+        "friction comes out as zero, as it does where all efforts have the wrong sign: is that so? "
+        "Then set sign = -1 for them in a map and import again"
+    )
     for times, seen, why, text in (
         (
             0.0,
-            "the efforts contain no gravity",
+            "the efforts contain hardly any gravity",
             "are they too small by the ratio of a gear or by a unit? Or were they recorded after a "
             "gravity compensation, or does the robot lie flat?",
             "0 0 0",
@@ -278,11 +343,132 @@ def _other_gravity(every: Sequence[Weighed]) -> str:
         (-1.0, "gravity acts upwards", "does the robot hang from a ceiling?", "0 0 9.81"),
     ):
         if every and all(abs(w.ratio - times) < TENTH for w in every):
-            return (
-                f"{seen}: the data give {times:.0f} times the gravity of the robot description, on "
-                f"{plural(len(every), 'joint')}; {why} Then write <gravity>{text}</gravity> within "
-                "<robot> of the URDF and import again"
+            lead = (
+                f"{seen}: the data give {_times(every)} times the gravity of the robot "
+                f"description, on {plural(len(every), 'joint')}; "
             )
+            if times < 0.0 and driven(result):
+                return lead + sign
+            return (
+                f"{lead}{why} Then write <gravity>{text}</gravity> within <robot> of the URDF and "
+                "import again"
+            )
+    return ""
+
+
+def driven(result: FitResult) -> bool:
+    """Whether all friction lies on its bound, zero: free masses take a wrong sign, it cannot."""
+    friction = Trait.DRY | Trait.VISCOUS
+    rubbing = [t for t in result.terms if t.effect.traits & friction]
+    every = [f"{head(t.effect, t.joint)}.{t.effect.params[0].name}" for t in rubbing]
+    names = [n for n in every if n in result.values]
+    return bool(names) and all(result.values[n].at_bound for n in names)
+
+
+def _scaled(result: FitResult) -> str:
+    """Sentence where gravity and inertia of all joints are one and the same multiple; else empty.
+
+    Of ten times or more, or a tenth and less.  A counterweight lowers gravity alone, and a rotor
+    raises the inertia alone.
+    """
+    every = _every(result)
+    ratios = np.array([w.ratio for w in every])
+    if not every or any(w.ratio < CERTAIN * w.stderr for w in every):
+        return ""
+    times = float(np.exp(np.mean(np.log(ratios))))
+    if TENTH < times < 1 / TENTH or np.ptp(ratios) > TENTH * float(ratios.max()):
+        return ""
+    felt = _inertia(result)
+    if any((x > HALF) if times < 1 else (x < 1 / HALF) for x in felt):
+        return ""
+    # masses are those of several joints: each one's own effort must be of that size, too
+    if any(not TENTH < times * w.share < 1 / TENTH for w in every):
+        return ""
+    part = f" (1/{1 / times:.3g})" if times < 1 else ""
+    size = f"{times:.3g}" if times < 100 else f"{times:.0f}"
+    return (
+        f"all efforts are {size}{part} times what the robot description asks for, gravity "
+        f"and inertia alike, on {plural(len(every), 'joint')}: is that a unit (mN m, mA, per "
+        "cent) or the ratio of a gear? Then multiply them in a map "
+        f"(scale = {1 / times:.2g}) and import again, or correct the masses of the description"
+    )
+
+
+def _inertia(result: FitResult) -> list[float]:
+    """Inertia of every joint that moves, by the data, in shares of what the description says."""
+    problem = result.problem
+    rotor = {t.joint: float(result.theta[w][0]) for t, w in _of(result, "armature")}
+    states = [x[:, _picked(problem)].T for x in (problem.q, problem.qd, problem.qdd)]
+    out: list[float] = []
+    for _, where in _body(result):
+        still = np.zeros_like(states[0])
+        moved = problem.robot.regressor(*states) - problem.robot.regressor(states[0], still, still)
+        for j in np.flatnonzero(~problem.holds & ~problem.silent).tolist():
+            said = moved[:, j] @ problem.robot.prior
+            found = moved[:, j] @ result.theta[where] + rotor.get(j, 0.0) * states[2][:, j]
+            power = float(said @ said)
+            out += [float(said @ found) / power] if power > 0.0 else []
+    return out
+
+
+def _of(result: FitResult, name: str) -> list[tuple[Term, slice]]:
+    """Terms of one effect with the place of their coefficients."""
+    both = zip(result.terms, result.slices, strict=True)
+    return [(t, where) for t, where in both if t.effect.name == name]
+
+
+def _picked(problem: Problem) -> NDArray[np.int_]:
+    """Some instants, spread over all runs."""
+    return np.unique(np.linspace(0, problem.n - 1, POSTURES).astype(np.int_))
+
+
+def _turned(result: FitResult) -> str:
+    """Sentence where another zero of one joint makes the described gravity that of the data.
+
+    With g the fitted gravity and g_0(q) the described one, both without their means, the zero z of
+    the joint k that leaves least of  g - g_0(q + z e_k).  It must leave far less than the
+    description as it is, no gravity, and the opposite one do.
+    """
+    problem = result.problem
+    q = problem.q[:, _picked(problem)].T
+    still, size = np.zeros_like(q), np.maximum(problem.rms(problem.effort), 1e-300)
+    moves = np.flatnonzero(~problem.holds & ~problem.silent)
+
+    def gravity(at: FloatArray, masses: FloatArray) -> FloatArray:
+        g = (problem.robot.regressor(at, still, still) @ masses) / size
+        return np.asarray((g - g.mean(axis=0))[:, moves])
+
+    for _, where in _body(result):
+        found, said = gravity(q, result.theta[where]), gravity(q, problem.robot.prior)
+
+        def left(k: int, z: float, found: FloatArray = found) -> float:
+            at = q + z * (np.arange(problem.d) == k)
+            return float(np.sum((gravity(at, problem.robot.prior) - found) ** 2))
+
+        turning = [k for k in moves.tolist() if problem.robot.units[k] == "rad"]
+        step = 2 * np.pi / STEPS
+        tried = [(left(k, step * n), k, step * n) for k in turning for n in range(1, STEPS)]
+        if not tried:
+            return ""
+        _, k, z = min(tried)
+        best = scipy.optimize.minimize_scalar(
+            lambda x, k=k: left(k, float(x)), bounds=(z - step, z + step), method="bounded"
+        )
+        most = OPEN**2 * min(float(np.sum(x**2)) for x in (found - said, found, found + said))
+        if float(best.fun) > most:
+            return ""
+        # a quarter of a turn where that does, too
+        near = np.pi / 2 * round(float(best.x) / (np.pi / 2))
+        z = near if left(k, near) <= most else float(best.x)
+        z = float((z + np.pi) % (2 * np.pi) - np.pi)
+        ratios = ", ".join(f"{w.ratio:.2f} on {problem.joints[w.joint]}" for w in weighed(result))
+        return (
+            f"the zero of q{k + 1} ({problem.joints[k]}) seems to be another one than in the robot "
+            f"description: with shift = {z:.3g} rad ({np.degrees(z):.3g} deg) for it in a map, the "
+            f"described masses give the gravity of the data. As it is, the data give so many times "
+            f"the described gravity: {ratios}. Check this zero first; if it is right, the centres "
+            "of mass lie in another direction than described"
+        )
     return ""
 
 
@@ -291,29 +477,43 @@ def contradicted(result: FitResult) -> list[tuple[str, str]]:
 
     By more than a little of the joint's effort.
     """
+    if scaled := _scaled(result):
+        return [(EFFORT_SCALE, scaled)]
     every = weighed(result)
-    said = _other_gravity(every)
+    off = [w for w in every if _doubted(w)]
+    if not off:
+        return []
+    said = _turned(result) or _other_gravity(result, every)
     if said:
         return [(GRAVITY, said)]
     out = []
-    for w in every:
-        if abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr):
-            joint = result.problem.joints[w.joint]
+    for w in off:
+        joint = result.problem.joints[w.joint]
+        if _upwards(w):
             advice = (
                 f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
                 "stretches), or does gravity act in another direction than described?"
-                if _upwards(w)
-                else f"Check the masses and centres of mass that {joint} carries, the zeros of the "
+            )
+        else:
+            unit = not TENTH < w.ratio < 1 / TENTH
+            advice = (
+                ("Check the unit of its effort (or the ratio of a gear), " if unit else "Check ")
+                + f"the masses and centres of mass that {joint} carries, the zeros of the "
                 "positions, and whether the description lacks a spring or a counterweight"
             )
-            out.append(
-                (
-                    GRAVITY,
-                    f"gravity of {joint}: the data give {w.ratio:.2f} times the value of the robot "
-                    f"description (standard error {w.stderr:.2g}). {advice}",
-                )
+        out.append(
+            (
+                GRAVITY,
+                f"gravity of {joint}: the data give {w.ratio:.2f} times the value of the robot "
+                f"description (standard error {w.stderr:.2g}). {advice}",
             )
+        )
     return out
+
+
+def _doubted(w: Weighed) -> bool:
+    """Whether a joint's gravity surely is another one, by more than a little of its effort."""
+    return abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr)
 
 
 #: Words of a gravity that acts against the description.
@@ -343,10 +543,11 @@ def touched(result: FitResult, heldout: FloatArray) -> bool:
 def upwards(result: FitResult) -> list[int]:
     """Joints whose gravity surely acts against the description in a fit, as no masses do.
 
-    None where another direction of gravity says the same of all.
+    None where another direction of gravity, or another zero of a joint, says the same of all.
     """
     every = weighed(result)
-    return [] if _other_gravity(every) else [w.joint for w in every if _upwards(w)]
+    against = [w.joint for w in every if _upwards(w)]
+    return [] if not against or _other_gravity(result, every) or _turned(result) else against
 
 
 # ------------------------------------------------------------ external effort

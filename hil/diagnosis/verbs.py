@@ -16,7 +16,7 @@ from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, differences, settled
-from hil.diagnosis.preconditions import contradicted, other_robot
+from hil.diagnosis.preconditions import contradicted, other_robot, without_effort
 from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
@@ -109,6 +109,7 @@ def make_problem(
         If a run has a fault that makes every result worthless (see `hil info`).
     """
     errors = [f for f in faults_of(recordings) if f.severity == "error"]
+    errors = errors or without_effort(recordings)
     if errors:
         what = "the recording has faults that make any fit worthless: "
         what += "; ".join(f.text for f in errors[:3])

@@ -503,6 +503,8 @@ def _across(projector: Projector, term: Term, gain: float) -> tuple[Term, float]
         return term, gain
     gains = [*projector.gains(term, shapes).tolist(), gain]
     most = max(gains)
+    if not np.all(np.isfinite(gains)):  # columns of a joint without an effort
+        return term, gain
     # gain >= most - 1 % of what the best one leaves
     allowed = (CLOSE - 1) * left(projector, term, most)
     k = int(np.flatnonzero(np.array(gains) >= most - allowed)[0])

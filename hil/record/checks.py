@@ -390,7 +390,16 @@ FloatArray = NDArray[np.float64]
 
 #: Warnings under which all values of a fit may be in a wrong unit or of a wrong sign.
 OF_UNITS = frozenset(
-    ("unit", "limits", "velocity-limit", "effort-limit", "velocity-scale", "velocity-sign", "sign")
+    (
+        "unit",
+        "limits",
+        "velocity-limit",
+        "effort-limit",
+        "effort-scale",
+        "velocity-scale",
+        "velocity-sign",
+        "sign",
+    )
 )
 #: Code of a speed somewhat beyond a limit.
 NOMINAL_SPEED = "nominal-speed"

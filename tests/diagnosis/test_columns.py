@@ -1,5 +1,6 @@
 """Efforts of wrong sign or in swapped columns are bad data, not physics; right ones are not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,12 @@ import pytest
 
 import hil
 from hil.diagnosis import columns
+from hil.diagnosis.preconditions import contradicted, without_effort
+from hil.diagnosis.residual_tests import changes
+from hil.errors import DataError
+from hil.identify.fit import fit
+from hil.identify.problem import Problem
+from hil.identify.result import FitResult
 from hil.record.recording import Recording
 
 
@@ -85,3 +92,152 @@ def test_friction_that_drives_raises_suspicion_though_free_masses_take_the_sign(
         hil.fit([replace(run, tau=sign * run.tau)], hil.base_model(run.robot)) for sign in (1, -1)
     ]
     assert [columns.driven(f) for f in fits] == [False, True]
+
+
+def fitted(run: Recording) -> FitResult:
+    return hil.fit([run], hil.base_model(run.robot))
+
+
+def wrong(run: Recording) -> list[tuple[str, str]]:
+    return columns.mistaken(fitted(run), [run])
+
+
+def sprung(seed: int = 1) -> Recording:
+    """A planar arm with a spring on the elbow that nobody described."""
+    run = plants.planar(seed, seconds=12.0)
+    return replace(run, tau=run.tau + 0.3 * (run.q - 0.3) * [0.0, 1.0])
+
+
+@pytest.mark.parametrize("make", [lambda: plants.planar(1, seconds=12.0), sprung])
+def test_efforts_of_wrong_sign_on_an_arm_are_told_though_an_effect_is_hidden(make):
+    run = make()
+    ((code, text),) = wrong(replace(run, tau=-run.tau))
+    assert code == "sign" and text.startswith("all efforts have the wrong sign")
+    ((code, text),) = wrong(replace(run, tau=run.tau * [1.0, -1.0]))
+    assert code == "sign" and "tau2 (elbow) has the wrong sign" in text
+    assert not wrong(run)
+
+
+def test_a_joint_counted_the_other_way_round_is_one_joint_and_no_shift():
+    run = plants.planar(1, seconds=12.0)
+    turned = replace(run, q=run.q * [1.0, -1.0], tau=run.tau * [1.0, -1.0])
+    ((code, text),) = wrong(turned)
+    assert code == "posture" and text.count("sign = -1") == 2 and "shift" not in text
+
+
+def test_the_zero_of_a_last_joint_that_no_data_show_is_not_told():
+    run = plants.planar(1, seconds=12.0)
+    assert not wrong(replace(run, q=run.q + np.array([0.0, 1.0])))
+
+
+@pytest.mark.parametrize(
+    ("j", "times", "make"),
+    [
+        (0, 50, lambda: plants.planar(1, seconds=12.0)),
+        (0, 50, sprung),
+        (1, 50, lambda: plants.planar(1)),
+    ],
+)
+def test_an_effort_in_another_unit_is_told_on_its_own_joint(j, times, make):
+    run = make()
+    scale = np.where(np.arange(2) == j, 1 / times, 1.0)
+    ((code, text),) = wrong(replace(run, tau=run.tau * scale))
+    assert code == "scale" and text.startswith(f"tau{j + 1} ")
+    assert float(text.split("scale = ")[1].split(";")[0]) == pytest.approx(times, rel=0.1)
+
+
+def test_a_position_in_another_scale_is_told():
+    run = plants.planar(1, seconds=12.0)
+    ((code, text),) = wrong(replace(run, q=run.q * [1.0, 0.5]))
+    assert code == "scale" and text.startswith("q2 ")
+    assert float(text.split("scale = ")[1].split(";")[0]) == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("order", ["order", "swapped"])
+def test_wrong_columns_are_told_though_an_effect_is_hidden(order):
+    run = sprung()
+    q = run.q[:, ::-1] if order == "order" else run.q
+    ((code, text),) = wrong(replace(run, q=q.copy(), tau=run.tau[:, ::-1].copy()))
+    assert code == order and "2" in text
+
+
+# ------------------------------------------------------------ gravity beside the description
+
+
+def gravity(run: Recording) -> list[tuple[str, str]]:
+    return contradicted(fitted(run))
+
+
+@pytest.mark.parametrize(("times", "said"), [(0.02, "are 0.02 (1/50"), (1000.0, "are 1")])
+def test_a_scale_of_all_efforts_is_said_as_one(times, said):
+    for run in (plants.planar(1, seconds=12.0), sprung()):
+        ((code, text),) = gravity(replace(run, tau=times * run.tau))
+        assert code == "effort-scale" and said in text
+        assert f"scale = {1 / times:.2g}" in text and "<gravity>" not in text
+
+
+def test_a_zero_that_explains_a_gravity_is_named_before_masses_and_gravity():
+    run = plants.planar(1, seconds=12.0)
+    for j in (0, 1):
+        shifted = replace(run, q=run.q - np.pi / 2 * (np.arange(2) == j))
+        ((code, text),) = wrong(shifted) or gravity(shifted)
+        assert code in ("posture", "description-gravity")
+        assert f"q{j + 1} (" in text and "(90 deg)" in text
+        assert "No masses" not in text and "<gravity>" not in text
+
+
+def test_a_missing_gravity_is_told_with_what_was_measured():
+    run = plants.planar(1, seconds=12.0)
+    q, (m1, m2), (c1, c2) = run.q, plants.M, plants.C
+    far = plants.G * m2 * c2 * np.cos(q.sum(axis=1))
+    near = plants.G * (m1 * c1 + m2 * plants.L) * np.cos(q[:, 0]) + far
+    light = replace(run, tau=run.tau - 0.97 * np.stack([near, far], axis=1))
+    ((code, text),) = gravity(light)
+    assert code == "description-gravity"
+    assert re.search("data give 0.0[23]", text) and "<gravity>0 0 0</gravity>" in text
+
+
+def test_masses_of_another_size_are_no_other_scale_of_the_efforts():
+    run = plants.planar(1, seconds=12.0)
+    light = run.robot.urdf.replace('mass value="0.9"', 'mass value="0.6"')
+    told = gravity(replace(run, robot=replace(run.robot, urdf=light)))
+    assert told and all(code == "description-gravity" for code, _ in told)
+    assert all("Check the masses" in text for _, text in told)
+
+
+# ------------------------------------------------------------ efforts that never change
+
+
+@pytest.mark.parametrize("value", [0.1, -3.0])
+def test_efforts_that_never_change_are_bad_data_with_what_to_do(value):
+    run = plants.axis(1, seconds=6.0)
+    dead = replace(run, tau=np.full_like(run.tau, value))
+    found = hil.diagnose([dead], hil.base_model(run.robot))
+    assert found.verdict == "bad-data"
+    ((code, text),) = found.warnings
+    assert code == "constant-effort" and f"{value:g} throughout" in text and "in a map" in text
+    for verb in (hil.fit, hil.compare):
+        with pytest.raises(DataError, match="no effort changes"):
+            verb([dead], hil.base_model(run.robot))
+
+
+def test_one_run_of_a_constant_effort_beside_others_is_no_fault():
+    run = plants.axis(1, seconds=6.0)
+    held = replace(run, tau=np.full_like(run.tau, 0.1), name="held")
+    assert not without_effort([run, held]) and without_effort([held])
+    other = replace(held, tau=held.tau + 1.0)
+    assert not without_effort([held, other])
+
+
+# ------------------------------------------------------------ one session that differs
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_which_session_differs_does_not_depend_on_their_order(first):
+    runs = [replace(plants.axis(k, seconds=10.0), name=f"run{k}") for k in (1, 2, 3)]
+    v = np.gradient(runs[first].q[:, 0], runs[first].t)
+    odd = replace(runs[first], tau=runs[first].tau + 0.4 * v[:, None], name="odd")
+    given = [odd if k == first else r for k, r in enumerate(runs)]
+    (change,) = changes(fit(Problem(given, given[0].robot), hil.base_model(given[0].robot)))
+    assert (change.run, change.what) == ("odd", "viscous friction")
+    assert change.value == pytest.approx(0.4, rel=0.2)
