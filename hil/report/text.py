@@ -63,7 +63,6 @@ TWO_ERRORS = (
 #: Codes of warnings that stand beside the verdict.
 LEADING = (
     NO_GEOMETRY,
-    SILENT,
     RECORDED_LATE,
     LOST,
     GRAVITY,
@@ -191,14 +190,23 @@ def doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
     """
     told: dict[tuple[str, str], list[str]] = {}
     for code, said in warnings:
-        if code in OF_UNITS:
+        if code in OF_UNITS or code == SILENT:
             joint, _, what = said.partition(": ")
             told.setdefault((code, f"{joint} {what.split(' ')[0]}"), []).append(said)
     return [
         f"Check first: {runs[0]}{f' (in {len(runs)} sessions)' if len(runs) > 1 else ''}. "
-        "If the recording is wrong here, the values below are wrong, too."
-        for runs in told.values()
+        + ("What follows is of the other joints." if code == SILENT else WRONG_TOO)
+        for (code, _), runs in told.items()
     ]
+
+
+#: What a wrong unit or sign means for the answer.
+WRONG_TOO = "If the recording is wrong here, the values below are wrong, too."
+
+
+def silent_joints(warnings: Sequence[tuple[str, str]]) -> list[str]:
+    """Joints whose effort never changes: a verdict says nothing of them."""
+    return list(dict.fromkeys(said.partition(":")[0] for code, said in warnings if code == SILENT))
 
 
 def changed(m: Material) -> list[str]:
@@ -432,6 +440,10 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 
 
 AGAIN = "Diagnose again."
+#: Before all else where a unit or a sign is doubted.
+CHECK_FIRST = (
+    "Check first what stands so above, and mend the recording or the map where it is wrong."
+)
 #: Before all else where it lacks: gravity and coupling look like changes and remainders, too.
 DESCRIBE = (
     "Give the robot's description first (--robot ARM.urdf): gravity and the coupling of the joints "
@@ -537,7 +549,16 @@ def next_steps(m: Material) -> list[str]:
         doubted = [_doubted(f) for f in m.findings if f.confidence < CONFIDENT and not f.rivals]
         among = any(f.rivals for f in m.findings)
         return [*([wait] if among else []), *separating[:3], *doubted]
-    return list(FIXED[m.verdict])
+    steps = list(FIXED[m.verdict])
+    silent = silent_joints(m.warnings)
+    if m.verdict == "adequate" and silent:
+        steps[0] = (
+            f"Do not use the model of {listed(silent)}, whose effort was not recorded. Use that of "
+            "the other joints within the range of motion that was recorded."
+        )
+    if any(code in OF_UNITS for code, _ in m.warnings):
+        return [CHECK_FIRST, *(steps if m.verdict == "adequate" else [AGAIN])]
+    return steps
 
 
 def shown_by(effect: str) -> str:
