@@ -47,6 +47,14 @@ def test_mjcf_by_mujoco(made, states):
     np.testing.assert_allclose(np.array(efforts), wanted, atol=1e-6)
 
 
+def test_the_motor_of_a_joint_with_a_spring_has_no_bias(made):
+    root = ET.fromstring(made("mjcf").texts[".xml"])
+    sprung = [j.get("name") for j in root.iter("joint") if j.get("springref")]
+    bias = {g.get("joint"): g.get("biasprm").split()[0] for g in root.iter("general")}
+    assert len(sprung) == 1 and float(bias[sprung[0]]) == 0.0
+    assert any(float(x) for name, x in bias.items() if name not in sprung)
+
+
 def _sdf_model(text):
     """Pinocchio's model of an SDF, by the rules of SDF 1.9: link poses relative to the parent."""
     model, ids = pin.Model(), {"world": 0}

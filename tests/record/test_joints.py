@@ -177,3 +177,81 @@ def test_what_is_judged_on_is_of_the_arm_that_is_fitted(tmp_path):
 def one_joint():
     parts = link("base", 1), link("arm", 1), joint("hinge", "revolute", "base", "arm")
     return f'<robot name="one">{"".join(parts)}</robot>'
+
+
+# ------------------------------------------------------------ tables that are analysed as they are
+
+
+def _table(path, head, scale=1.0, remark=""):
+    """A table of an axis of 400 rows with these names of columns."""
+    rows = []
+    for k in range(400):
+        t = 0.01 * k
+        rows += [remark] if remark and k == 200 else []
+        rows.append(f"{t:.2f},{scale * np.sin(3 * t + t * t):.9f},{np.cos(3 * t + t * t):.9f}")
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "head", ["t [s],q1 [rad],tau1 [Nm]", "T,Q1,TAU1", "t,q (rad),TAU", "time,q0,tau0"]
+)
+def test_units_and_capitals_are_no_other_columns(tmp_path, head):
+    run = hil.load(_table(tmp_path / "a.csv", head))
+    assert run.n == 400 and run.tau[0, 0] == 1.0
+
+
+def test_the_usual_name_of_a_speed_and_a_unit_that_is_not_si(tmp_path):
+    path = _table(tmp_path / "a.csv", "t,q1 [deg],tau1", 90.0)
+    assert np.ptp(hil.load(path).q) == pytest.approx(np.pi, rel=1e-3)
+    frame = {"t": 0.01 * np.arange(50), "q": np.arange(50) ** 2 / 1e3, "tau": np.ones(50)}
+    speed = np.gradient(frame["q"], 0.01)
+    assert np.array_equal(hil.from_arrays({**frame, "dq": speed}).qd[:, 0], speed)
+
+
+def test_a_remark_between_the_rows_is_no_sample(tmp_path):
+    assert hil.load(_table(tmp_path / "a.csv", "t,q1,tau1", 1.0, "# a button")).n == 400
+
+
+def test_an_analysis_takes_the_options_of_a_table(tmp_path, capsys):
+    path = _table(tmp_path / "a.csv", "t,angle,tau1", 90.0)
+    assert main(["fit", str(path)]) == 2
+    assert "--propose-map" in (said := capsys.readouterr().err) and "--map MAP.toml" in said
+    (tmp_path / "m.toml").write_text('[columns]\nq1 = "angle"\n')
+    words = ["fit", str(path), "--map", str(tmp_path / "m.toml"), "--unit"]
+    assert main([*words, "deg"]) == 0 and "rad/s" in capsys.readouterr().out
+    assert main([*words, "m", "--quiet"]) == 0 and "m/s" in capsys.readouterr().out
+    session = str(tmp_path / "s.mcap")
+    assert main(["import", str(_table(tmp_path / "b.csv", "t,q1,tau1")), "-o", session]) == 0
+    assert main(["fit", session, "--unit", "deg"]) == 2
+    assert "--unit is of tables" in capsys.readouterr().err
+
+
+def test_a_folder_of_tables_and_a_run_that_is_given_twice(tmp_path, capsys):
+    for name in ("a.csv", "b.csv"):
+        _table(tmp_path / name, "t,q1,tau1")
+    (tmp_path / "notes.txt").write_text("a day in the lab\n")
+    assert main(["fit", str(tmp_path)]) == 0
+    assert "warning: b holds the same data as a; left out" in capsys.readouterr().err
+    assert main(["import", str(tmp_path), "-o", str(tmp_path / "s.mcap")]) == 2
+    assert "one table at a time" in capsys.readouterr().err
+
+
+def test_a_model_brings_its_robot_to_a_table_and_another_one_is_told(tmp_path, capsys):
+    path = _table(tmp_path / "a.csv", "t,q1,tau1")
+    link = '<link name="b"/><link name="l"><inertial><mass value="1"/><inertia ixx="1" iyy="1"'
+    link += ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hip" '
+    link += 'type="continuous"><origin xyz="0 0 {}"/><parent link="b"/><child link="l"/>'
+    for name, height in (("one", 0), ("two", 1)):
+        text = f'<robot name="r">{link.format(height)}<axis xyz="0 0 1"/></joint></robot>'
+        (tmp_path / f"{name}.urdf").write_text(text)
+    words = ["fit", str(path), "--robot", str(tmp_path / "one.urdf"), "--quiet"]
+    assert main([*words, "-o", str(tmp_path / "m.toml")]) == 0
+    model = ["--model", str(tmp_path / "m.toml")]
+    assert main(["fit", str(path), *model]) == 0
+    assert "hip" in (said := capsys.readouterr()).out and "another robot" not in said.err
+    assert main(["fit", str(path), "--robot", str(tmp_path / "two.urdf"), *model]) == 0
+    assert "joint hip has the origin xyz 0 0 0 and not 0 0 1" in capsys.readouterr().err
+    out = ["--motion", "rests", "-o", str(tmp_path / "x.toml"), "--json"]
+    assert main(["excite", str(path), *model, "--for", "stribeck", *out]) in (0, 2)
+    assert "TOML" not in capsys.readouterr().err
