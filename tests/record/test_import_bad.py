@@ -79,7 +79,7 @@ def test_one_velocity_of_two(tmp_path, refuse):
 
 
 def test_more_efforts_than_joints(tmp_path, refuse):
-    refuse(changed(tmp_path, lambda c: c.update(tau3=c["tau1"])), "tau3", "only 2 joints")
+    refuse(changed(tmp_path, lambda c: c.update(tau3=c["tau1"])), "tau3", "positions of 2 joints")
 
 
 def test_force_incomplete(tmp_path, refuse):
