@@ -41,10 +41,10 @@ from hil.diagnosis.constants import (
     WHOLE,
     WORTH,
 )
+from hil.diagnosis.grams import Reach
 from hil.diagnosis.preconditions import GRAVITY, driven, weighed
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.readings import Reach
 from hil.identify.result import FitResult
 from hil.models.effect import Trait
 from hil.models.robots import IndependentAxes

@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.folds import Split
 from hil.identify.problem import Problem
+from hil.identify.regression import least_squares
+from hil.identify.result import FitResult
+from hil.identify.solve import factors
+from hil.models.model import BASE_EFFECTS
 
 FloatArray = NDArray[np.float64]
 #: Rounds in which coefficients beyond a bound are put on it.
@@ -461,3 +465,55 @@ def _ridge(
         a = gram[:, free[:, None], free] + ridge[free[:, None], free]
         out[:, free] += np.linalg.solve(a, left[:, free, None])[:, :, 0]
     return out
+
+
+# ------------------------------------------------------------ other efforts of the same motion
+
+
+class Reach:
+    """Least errors of the base model over the motion of a fit.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit; of one with other terms than the base model's nothing is known.
+    """
+
+    def __init__(self, result: FitResult) -> None:
+        self._known = all(t.effect.name in BASE_EFFECTS for t in result.terms)
+        if self._known:
+            problem = result.problem
+            grids = ((t, problem.grid(t.effect, t.joint) or [t.shape]) for t in result.terms)
+            terms = [replace(t, shape=s) for t, grid in grids for s in grid]
+            with problem.aside():
+                self._q, self._r = factors(problem, terms, np.ones(problem.d))
+
+    def least(self, problem: Problem) -> float:
+        """Least relative error over all joints [%] for the efforts of another problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of the same motion.
+
+        Returns
+        -------
+        float
+            Root mean square over the joints; 0 where nothing is known.
+        """
+        return float(np.sqrt(np.mean(self.by_joint(problem) ** 2)))
+
+    def by_joint(self, problem: Problem) -> FloatArray:
+        """The same joint by joint (d,), as the least over all joints has it."""
+        if not self._known or any(len(q) != problem.n for q in self._q):
+            return np.zeros(problem.d)
+        size = np.sqrt(np.sum(problem.effort**2, axis=1))
+        weight = 100.0 / np.maximum(size, 1e-300)
+        parts = zip(self._q, self._r, problem.y, weight, strict=True)
+        each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
+        right = np.concatenate([c for c, _, _ in each])
+        rows = np.concatenate([r for _, r, _ in each])
+        theta = least_squares(rows, right)
+        # what no column of its joint reaches, and what not all joints reach at once
+        left = [whole - float(c @ c) + np.sum((c - r @ theta) ** 2) for c, r, whole in each]
+        return np.sqrt(np.maximum(left, 0.0))

@@ -317,7 +317,7 @@ GRAVITY = "description-gravity"
 #: Code of the warning that the efforts are in another scale than the description.
 EFFORT_SCALE = "effort-scale"
 #: Postures at which a described gravity is compared, and steps of a zero around the turn.
-POSTURES, STEPS = 500, 24
+_POSTURES, _STEPS = 500, 24
 
 
 def _times(every: Sequence[Weighed]) -> str:
@@ -419,7 +419,7 @@ def _of(result: FitResult, name: str) -> list[tuple[Term, slice]]:
 
 def _picked(problem: Problem) -> NDArray[np.int_]:
     """Some instants, spread over all runs."""
-    return np.unique(np.linspace(0, problem.n - 1, POSTURES).astype(np.int_))
+    return np.unique(np.linspace(0, problem.n - 1, _POSTURES).astype(np.int_))
 
 
 def _turned(result: FitResult) -> str:
@@ -446,8 +446,8 @@ def _turned(result: FitResult) -> str:
             return float(np.sum((gravity(at, problem.robot.prior) - found) ** 2))
 
         turning = [k for k in moves.tolist() if problem.robot.units[k] == "rad"]
-        step = 2 * np.pi / STEPS
-        tried = [(left(k, step * n), k, step * n) for k in turning for n in range(1, STEPS)]
+        step = 2 * np.pi / _STEPS
+        tried = [(left(k, step * n), k, step * n) for k in turning for n in range(1, _STEPS)]
         if not tried:
             return ""
         _, k, z = min(tried)

@@ -1,4 +1,4 @@
-"""What a fit of the base model says of a recording: its own time, and efforts that it can reach.
+"""What a fit of the base model says of a recording's own time: lateness, and factors of a clock.
 
 Efforts against positions are late by a part of a sample, or by more.
 
@@ -8,9 +8,6 @@ posture alone and inertia on the square of the clock, and both hold the same fir
 that a rigid body's effort tells them apart wherever a joint lifts something:
 
     tau = M(q) qdd + c(q, qd) + g(q);    t -> t / f:  qdd -> f^2 qdd,  g as it was.
-
-How far any fit of the base model comes to other efforts of the same motion follows from the columns
-of the motion alone.
 """
 
 from __future__ import annotations
@@ -24,12 +21,9 @@ from hil.errors import HilError
 from hil.identify.bands import Rates
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
-from hil.identify.regression import least_squares
-from hil.identify.result import FitResult
 from hil.identify.slow_motion import FINEST, KNOWN, longest_shift, slow_delay
-from hil.identify.solve import factors as of_columns
 from hil.identify.timing import filter_text, fit_aligned, growing
-from hil.models.model import BASE_EFFECTS, base_model
+from hil.models.model import base_model
 from hil.record.consistency import velocity_factor
 from hil.record.recording import Recording
 
@@ -207,52 +201,3 @@ def reading_notes(r: Recording) -> list[tuple[str, str]]:
     else:
         decided = "the dynamics fit both equally well"
     return [("velocity-scale", f"either {either}; {decided}. Set its scale in a map file")]
-
-
-class Reach:
-    """Least errors of the base model over the motion of a fit.
-
-    Parameters
-    ----------
-    result : FitResult
-        The fit; of one with other terms than the base model's nothing is known.
-    """
-
-    def __init__(self, result: FitResult) -> None:
-        self._known = all(t.effect.name in BASE_EFFECTS for t in result.terms)
-        if self._known:
-            problem = result.problem
-            grids = ((t, problem.grid(t.effect, t.joint) or [t.shape]) for t in result.terms)
-            terms = [replace(t, shape=s) for t, grid in grids for s in grid]
-            with problem.aside():
-                self._q, self._r = of_columns(problem, terms, np.ones(problem.d))
-
-    def least(self, problem: Problem) -> float:
-        """Least relative error over all joints [%] for the efforts of another problem.
-
-        Parameters
-        ----------
-        problem : Problem
-            Of the same motion.
-
-        Returns
-        -------
-        float
-            Root mean square over the joints; 0 where nothing is known.
-        """
-        return float(np.sqrt(np.mean(self.by_joint(problem) ** 2)))
-
-    def by_joint(self, problem: Problem) -> FloatArray:
-        """The same joint by joint (d,), as the least over all joints has it."""
-        if not self._known or any(len(q) != problem.n for q in self._q):
-            return np.zeros(problem.d)
-        size = np.sqrt(np.sum(problem.effort**2, axis=1))
-        weight = 100.0 / np.maximum(size, 1e-300)
-        parts = zip(self._q, self._r, problem.y, weight, strict=True)
-        each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
-        right = np.concatenate([c for c, _, _ in each])
-        rows = np.concatenate([r for _, r, _ in each])
-        theta = least_squares(rows, right)
-        # what no column of its joint reaches, and what not all joints reach at once
-        left = [whole - float(c @ c) + np.sum((c - r @ theta) ** 2) for c, r, whole in each]
-        return np.sqrt(np.maximum(left, 0.0))
