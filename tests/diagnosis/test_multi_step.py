@@ -63,7 +63,7 @@ def test_no_benefit_only_within_the_standard_error():
 
 
 def test_suggested_commands_name_the_files():
-    finding = SimpleNamespace(effect="stribeck", joint="joint2")
+    finding = SimpleNamespace(effect="stribeck", joint="joint2", confidence=1.0)
     found = SimpleNamespace(verdict="missing-effect", findings=[finding, finding], corrections=[])
     files = Files(("my runs/a.mcap", "b.mcap"), ("h.mcap",), "arm.toml", "follower")
     first, second = command(found, files).splitlines()
@@ -72,7 +72,8 @@ def test_suggested_commands_name_the_files():
         "--session 'my runs/a.mcap' b.mcap --holdout h.mcap -o arm.plus1.toml"
     )
     assert "--model arm.plus1.toml" in second and "-o arm.plus2.toml" in second
-    alone = command(found, Files(("a.mcap",), (), "")).splitlines()[0]
+    found.findings[1:] = [SimpleNamespace(**{**vars(finding), "confidence": 0.26})]
+    (alone,) = command(found, Files(("a.mcap",), (), "")).splitlines()  # what is not sure is none
     assert alone == "hil add stribeck --joint joint2 --session a.mcap -o a.plus1.toml"
     # what has no name is written by one command only
     found.corrections = [SimpleNamespace()]

@@ -91,5 +91,5 @@ def test_a_comparison_says_whose_floor_it_is() -> None:
     run = plants.stiction_axis(1)
     model = fit([run], base_model(run.robot)).model
     fitted, kept = (text(compare([run], m)) for m in (model, model.as_it_is()))
-    assert "noise floor of these sessions, from" in fitted
-    assert "noise floor of these sessions (not that of the fitted sessions), from" in kept
+    assert "Noise floor of these sessions, from" in fitted
+    assert "Noise floor of these sessions (not that of the fitted sessions), from" in kept
