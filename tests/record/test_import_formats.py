@@ -665,7 +665,7 @@ def test_missing_cells_are_refused_with_what_to_say(tmp_path, capsys):
     rows = [f"{x:.3f},{'' if k == 7 else x},{x}" for k, x in enumerate(np.arange(0, 6, 0.002))]
     table = as_text(tmp_path, ["t,q1,tau1"], rows)
     assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
-    assert "--missing drop or interpolate" in capsys.readouterr().err
+    assert "--missing drop or --missing interpolate" in capsys.readouterr().err
 
 
 def test_a_velocity_that_was_never_filled_is_said():
