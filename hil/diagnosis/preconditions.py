@@ -455,7 +455,7 @@ def _turned(result: FitResult) -> str:
             lambda x, k=k: left(k, float(x)), bounds=(z - step, z + step), method="bounded"
         )
         most = OPEN**2 * min(float(np.sum(x**2)) for x in (found - said, found, found + said))
-        if float(best.fun) > most:
+        if float(best.fun) >= most:  # without a described gravity both are zero
             return ""
         # a quarter of a turn where that does, too
         near = np.pi / 2 * round(float(best.x) / (np.pi / 2))
