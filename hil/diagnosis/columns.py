@@ -247,6 +247,8 @@ def _fall(after: FloatArray, before: FitResult, one_by_one: bool = True) -> floa
     rise on another joint counts less, by `OPEN` for `HALF`.
     """
     moves = ~before.problem.holds & ~before.problem.silent
+    if not moves.any():
+        return 1.0
     least = 100 * MATTERS
     ratio = (np.maximum(after, least) / np.maximum(before.relative, least))[moves]
     fall = float(np.exp(np.mean(np.log(ratio))))
