@@ -404,8 +404,8 @@ OF_UNITS = frozenset(
 #: Code of a speed somewhat beyond a limit.
 NOMINAL_SPEED = "nominal-speed"
 #: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
-#: nominal 20 Hz).
-SLOW_HZ, HOPELESS_HZ = 100.0, 19.5
+#: nominal 10 Hz: slow motion of a large robot, as benchmarks are thinned out to).
+SLOW_HZ, HOPELESS_HZ = 100.0, 9.7
 #: Above it [Hz] the time is in another unit: filters and grids would take any memory.
 FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.

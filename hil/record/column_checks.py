@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 JUMP = 10.0
 #: A longer median period [s] means that the time is not in seconds, or useless for dynamics.
 LONG_PERIOD = 0.05
+#: The longest one [s] where a map says that it is in seconds, or gives the rate.
+LONGEST_PERIOD = 0.1
 #: Rounding of times and drift of a clock that make no period longer, relative.
 ROUNDED = 0.02
 #: A median period [s] from which the time hardly is in seconds.
@@ -183,7 +185,8 @@ def whole_rows(
     else:
         out, text = _mended(out, given.missing)
         notes += [text] if text else []
-    keep = _clean_time(table, out["t"], given.gaps, given.repeated)
+    sure = given.rate_hz > 0 or ("t" in rules and rules["t"].stated)
+    keep = _clean_time(table, out["t"], given, LONGEST_PERIOD if sure else LONG_PERIOD)
     return {k: v[keep] for k, v in out.items()}, notes
 
 
@@ -234,9 +237,10 @@ def _bridge(t: FloatArray, v: FloatArray) -> int:
 
 
 def _clean_time(
-    table: ForeignTable, t: FloatArray | None, gaps: str, repeated: str
+    table: ForeignTable, t: FloatArray | None, given: TableMap, longest: float
 ) -> NDArray[np.intp]:
-    """Rows to keep, after checking that the time increases evenly."""
+    """Rows to keep, after checking that the time increases evenly, by `longest` [s] at most."""
+    gaps, repeated = given.gaps, given.repeated
     if t is None or t.size < 2:
         raise DataError(f"table {table.path}: {0 if t is None else t.size} samples; too few")
     dt = np.diff(t)
@@ -264,7 +268,7 @@ def _clean_time(
         )
     even = np.delete(rows, same + 1)
     _refuse_twelve_hours(table, t)
-    _refuse_steps(table, t[even], even, gaps)
+    _refuse_steps(table, t[even], even, gaps, longest)
     return rows if repeated == "keep" else even
 
 
@@ -287,7 +291,9 @@ def _refuse_twelve_hours(table: ForeignTable, t: FloatArray) -> None:
             )
 
 
-def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str) -> None:
+def _refuse_steps(
+    table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str, longest: float
+) -> None:
     dt = np.diff(t)
     if not dt.size:
         raise DataError(f"table {table.path}: the time never changes")
@@ -300,12 +306,12 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
         raise DataError(
             f'{what}. Scale it to seconds in a map, [columns] t = {{ from = "t", scale = ... }}'
         ).about("time", what)
-    if period > LONG_PERIOD * (1 + ROUNDED):
+    if period > longest * (1 + ROUNDED):
         what = (
             f"table {table.path}: the time advances by {period:.4g} s a sample "
             f"({1 / period:.3g} Hz)"
         )
-        raise DataError(f"{what}; {_what_time(t, period)}").about("time", what)
+        raise DataError(f"{what}; {_what_time(t, period, longest)}").about("time", what)
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":
         k = int(jumps[0])
@@ -320,9 +326,9 @@ def _refuse_steps(table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], ga
 _SPOKEN = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
-def _what_time(t: FloatArray, period: float) -> str:
+def _what_time(t: FloatArray, period: float, longest: float) -> str:
     """What a time may be that is too slow in seconds, and what to do."""
-    slow = f"{1 / LONG_PERIOD:g} Hz is the slowest that is analysed"
+    slow = f"{1 / longest:g} Hz is the slowest that is analysed"
     map_ = 'in a map, [columns] t = { from = "t", unit = "'
     fits = {
         unit: 1 / (period * FACTORS["t"][unit])
@@ -345,6 +351,11 @@ def _what_time(t: FloatArray, period: float) -> str:
         return (
             f'it looks like {units}: say so {map_}{unit}" }}. If it truly is in seconds, the '
             f"recording is too slow for dynamics: {slow}"
+        )
+    if longest < period <= LONGEST_PERIOD * (1 + ROUNDED):
+        return (
+            f'without a word of its unit {slow}. If it is in seconds, say so {map_}s" }}; if it is '
+            f'in another unit, {map_}ms" }}'
         )
     return f'{slow}. Record faster; if the time is in another unit, say so {map_}ms" }}'
 

@@ -21,6 +21,7 @@ from hil.cli import main
 from hil.errors import ConfigError, DataError
 from hil.models.urdf import UrdfRobot
 from hil.record import foreign
+from hil.record.checks import check
 from hil.record.mcap_read import load
 from hil.record.tables import import_table
 from hil.record.urdf_joints import urdf_joints
@@ -147,7 +148,8 @@ def test_time_in_milliseconds(tmp_path, refuse):
 @pytest.mark.parametrize(
     ("period", "words"),
     [
-        (0.1, ("10 Hz", "20 Hz is the slowest that is analysed", "Record faster")),
+        (0.2, ("5 Hz", "20 Hz is the slowest that is analysed", "Record faster")),
+        (0.1, ("10 Hz", "without a word of its unit 20 Hz is the slowest", 'unit = "s"')),
         (5.0, ("it looks like milliseconds (200 Hz)", 'unit = "ms"')),
     ],
 )
@@ -156,6 +158,26 @@ def test_a_slow_time_is_refused_for_what_it_is(tmp_path, refuse, period, words):
         c.update(t=period * np.arange(c["t"].size))
 
     refuse(changed(tmp_path, slower), *words)
+
+
+@pytest.mark.parametrize(
+    "said", ['[columns]\nt = { from = "t", unit = "s" }', "[table]\nrate_hz = 10"]
+)
+def test_ten_a_second_are_taken_where_the_map_says_so(tmp_path, said):
+    """As benchmarks of large robots are thinned out to."""
+    slow = tmp_path / "slow.csv"
+
+    def slower(c):
+        c.update(t=0.1 * np.arange(c["t"].size))
+
+    slow.write_bytes(changed(tmp_path, slower).read_bytes())
+    words = ["import", str(slow), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    place = tmp_path / "m.toml"
+    place.write_text(f'schema = "hil.map/1"\n{said}\n')
+    assert main([*words, "--map", str(place)]) == 0
+    (fault,) = (f for f in check(load(tmp_path / "s.mcap")) if f.code == "sample-rate")
+    assert fault.severity == "warning" and "10 Hz" in fault.text
 
 
 @pytest.mark.parametrize("off", [-7e-16, 7e-16, 5e-4])
