@@ -397,7 +397,7 @@ def _scaled(result: FitResult) -> str:
 def _inertia(result: FitResult) -> list[float]:
     """Inertia of every joint that moves, by the data, in shares of what the description says."""
     problem = result.problem
-    rotor = {t.joint: float(result.theta[w][0]) for t, w in _of(result, "armature")}
+    rotor = {t.joint: float(result.theta[w][0]) for t, w in _of(result, Trait.ROTOR)}
     states = [x[:, _picked(problem)].T for x in (problem.q, problem.qd, problem.qdd)]
     out: list[float] = []
     for _, where in _body(result):
@@ -411,10 +411,10 @@ def _inertia(result: FitResult) -> list[float]:
     return out
 
 
-def _of(result: FitResult, name: str) -> list[tuple[Term, slice]]:
-    """Terms of one effect with the place of their coefficients."""
+def _of(result: FitResult, trait: Trait) -> list[tuple[Term, slice]]:
+    """Terms of effects with a trait, with the place of their coefficients."""
     both = zip(result.terms, result.slices, strict=True)
-    return [(t, where) for t, where in both if t.effect.name == name]
+    return [(t, where) for t, where in both if t.effect.traits & trait]
 
 
 def _picked(problem: Problem) -> NDArray[np.int_]:
