@@ -39,7 +39,6 @@ from hil.diagnosis.candidates import (
 from hil.diagnosis.constants import (
     ABSORBED,
     BEATEN,
-    CONFIDENT_ODDS,
     DISCREPANCY,
     HALF,
     RISEN,
@@ -111,6 +110,28 @@ class Named:
             [self.odds[k] for k in kept],
             (own[0], own[1]),
         )
+
+    def told(self, odds: Sequence[float]) -> Named:
+        """The same where something else is known: log odds of the effect over each rival."""
+        factor = np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))
+        weight = np.array(self.odds).reshape(-1, 2) * factor[:, None]
+        own = np.array(self.own)
+        # what is neither the effect nor a rival that is listed keeps its weight
+        left = np.maximum(1.0 - own - np.sum(np.array(self.odds).reshape(-1, 2), axis=0), 0.0)
+        whole = np.maximum(own + weight.sum(axis=0) + left, 1e-300)
+        own, weight = own / whole, weight / whole
+        kept = [k for k in range(len(self.rivals)) if weight[k].max() >= RIVAL]
+        return Named(
+            self.candidate,
+            float(own.min()),
+            [self.rivals[k] for k in kept],
+            [(float(weight[k, 0]), float(weight[k, 1])) for k in kept],
+            (float(own[0]), float(own[1])),
+        )
+
+
+#: Largest log odds that is told apart from certainty.
+_OVERFLOW = 50.0
 
 
 def exchange(search: Search) -> list[Named]:
@@ -361,16 +382,25 @@ def _refitted_rivals(
 def separated(search: Search, named: Named) -> Named:
     """A name without the rivals that the last model, corrections and all, shows to be none.
 
-    A rival is none that needs masses surely further from the robot's description.  With one of
-    them in the place of the effect it errs twice as much, on left-out blocks or on the held-out
-    runs.  What other effects and corrections take hid that before; and held-out runs that
-    go further than the fitted ones tell a law from what follows it within their range.
+    With one of them in the place of the effect it errs twice as much, on left-out blocks or on the
+    held-out runs.  The others are weighed anew by the masses that they need, which are nearer to
+    the robot's description or further from it than those that the effect needs.  What other effects
+    and corrections take hid that before; and held-out runs that go further than the fitted ones
+    tell a law from what follows it within their range.
     """
     problem, j = search.problem, named.candidate.joint
     accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
     most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
-    kept = [r for r in named.rivals if not _surely_worse(search, named.candidate, r, most)]
-    return named if len(kept) == len(named.rivals) else named.among(kept)
+    rungs = [_in_place(search, named.candidate, r) for r in named.rivals]
+    pairs = [
+        (r, rung)
+        for r, rung in zip(named.rivals, rungs, strict=True)
+        if not _surely_worse(search, named.candidate, rung, most)
+    ]
+    odds = [described_odds(search.now.result, rung.result) for _, rung in pairs]
+    if len(pairs) == len(named.rivals) and not any(odds):
+        return named
+    return named.among([r for r, _ in pairs]).told(odds)
 
 
 def emptied(search: Search, c: Candidate, before: Visited) -> Visited | None:
@@ -400,14 +430,11 @@ def emptied(search: Search, c: Candidate, before: Visited) -> Visited | None:
     return rung if nothing and not worse else None
 
 
-def _surely_worse(search: Search, c: Candidate, rival: Candidate, most: float) -> bool:
+def _surely_worse(search: Search, c: Candidate, rung: Visited, most: float) -> bool:
     """Whether the model with a rival in the place of an effect is worse, see `_errs`.
 
-    Held-out runs may show it, too, and the robot's description.
+    Held-out runs may show it, too.
     """
-    rung = _in_place(search, c, rival)
-    if described_odds(search.now.result, rung.result) > CONFIDENT_ODDS:
-        return True
     one, other = search.now.step.heldout, rung.step.heldout
     if one.kind == "holdout" and one.gain(other, c.joint) > RISEN:
         power = float(other.rms[c.joint]) ** 2

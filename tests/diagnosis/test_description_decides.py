@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -10,6 +11,7 @@ import pytest
 
 import hil
 from hil.diagnosis.attribution import described_odds
+from hil.diagnosis.naming import Named
 from hil.record.recording import RobotSource
 
 #: Weight times distance of its centre [N m], inertia about the pivot [kg m^2], spring [N m/rad].
@@ -59,6 +61,18 @@ def test_how_much_less_the_masses_must_be_changed_is_what_counts(run):
     other = swung(0.8)
     pair = (hil.fit(other, hil.base_model(other.robot) + n) for n in ("spring", "joint-ratio"))
     assert abs(described_odds(*pair)) < described_odds(spring, ratio) - 2.0
+
+
+def test_odds_weigh_the_rivals_both_ways():
+    ours, one, other = (SimpleNamespace(name=n) for n in ("ours", "one", "other"))
+    named = Named(ours, 0.5, [one, other], [(0.3, 0.2), (0.2, 0.1)], (0.5, 0.6))
+    against = named.told([np.log(0.25), 50.0])  # one is four times as likely as before
+    assert against.rivals == [one]
+    assert against.own == pytest.approx((0.5 / 1.7, 0.6 / 1.5))
+    assert against.confidence == pytest.approx(0.5 / 1.7)
+    # what is no listed rival keeps its weight
+    alone = named.told([50.0, 50.0])
+    assert not alone.rivals and alone.own == pytest.approx((1.0, 0.6 / 0.7))
 
 
 def test_without_a_description_nothing_is_said(run):
