@@ -112,14 +112,17 @@ class Named:
         )
 
     def told(self, odds: Sequence[float]) -> Named:
-        """The same where something else is known: log odds of the effect over each rival."""
+        """The same where something else is known: log odds of the effect over each rival.
+
+        A rival that is likelier leaves the name undecided: which one is named the search decides.
+        """
         factor = np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))
         weight = np.array(self.odds).reshape(-1, 2) * factor[:, None]
         own = np.array(self.own)
         # what is neither the effect nor a rival that is listed keeps its weight
         left = np.maximum(1.0 - own - np.sum(np.array(self.odds).reshape(-1, 2), axis=0), 0.0)
         whole = np.maximum(own + weight.sum(axis=0) + left, 1e-300)
-        own, weight = own / whole, weight / whole
+        own, weight = np.maximum(own / whole, np.minimum(own, HALF)), weight / whole
         kept = [k for k in range(len(self.rivals)) if weight[k].max() >= RIVAL]
         return Named(
             self.candidate,

@@ -68,8 +68,9 @@ def test_odds_weigh_the_rivals_both_ways():
     named = Named(ours, 0.5, [one, other], [(0.3, 0.2), (0.2, 0.1)], (0.5, 0.6))
     against = named.told([np.log(0.25), 50.0])  # one is four times as likely as before
     assert against.rivals == [one]
-    assert against.own == pytest.approx((0.5 / 1.7, 0.6 / 1.5))
-    assert against.confidence == pytest.approx(0.5 / 1.7)
+    # which of two is named, the search decides: a likelier rival leaves it undecided
+    assert against.own == (0.5, 0.5) and against.confidence == 0.5
+    assert against.odds[0] == pytest.approx((4 * 0.3 / 1.7, 4 * 0.2 / 1.5))
     # what is no listed rival keeps its weight
     alone = named.told([50.0, 50.0])
     assert not alone.rivals and alone.own == pytest.approx((1.0, 0.6 / 0.7))

@@ -113,7 +113,9 @@ def test_irregular_time():
     assert ("irregular-time", "warning", "") in faults(with_time(change))
 
 
-@pytest.mark.parametrize(("rate", "severity"), [(50.0, "warning"), (10.0, "error")])
+@pytest.mark.parametrize(
+    ("rate", "severity"), [(50.0, "warning"), (10.0, "warning"), (8.0, "error")]
+)
 def test_slow_rate(rate, severity):
     assert ("sample-rate", severity, "") in faults(plants.joints(rate=rate))
 
