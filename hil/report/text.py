@@ -442,7 +442,8 @@ def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
 AGAIN = "Diagnose again."
 #: Before all else where a unit or a sign is doubted.
 CHECK_FIRST = (
-    "Check first what stands so above, and mend the recording or the map where it is wrong."
+    "See each 'Check first' above. If it is right, correct the recording or the map, and diagnose "
+    "again."
 )
 #: Before all else where it lacks: gravity and coupling look like changes and remainders, too.
 DESCRIBE = (

@@ -112,3 +112,13 @@ def test_how_late_efforts_are_is_sought_anew_beside_the_added_effect(late: float
     assert after.step.result.model.fitted.shift_s == pytest.approx(-late, abs=1e-4)
     assert after.step.result.values["j1.spring.k"].value == pytest.approx(1.5, rel=1e-3)
     assert after.step.result.relative[0] < 0.22
+
+
+def test_a_model_is_compared_as_it_is_without_a_fit() -> None:
+    one, other = plants.stribeck_axis(1), plants.stribeck_axis(2)
+    fitted = hil.fit(one, base_model(one.robot) + "stribeck")
+    kept = hil.compare(other, fitted.model, as_is=True, simulate=False)
+    values = {n: v.value for n, v in fitted.values.items()}
+    assert {n: v.value for n, v in kept.result.values.items()} == pytest.approx(values)
+    again = hil.compare(other, fitted.model, simulate=False)
+    assert again.result.relative[0] < kept.result.relative[0] < 1.5 * again.result.relative[0]

@@ -399,6 +399,13 @@ def test_the_first_row_of_a_ros_log_says_whose_each_number_is():
     assert found.columns["q1"] == "field.position1" and found.columns["tau2"] == "field.effort0"
 
 
+def test_the_bare_name_of_a_joint_is_its_position():
+    names = ("t", "shoulder", "elbow", "tau_shoulder", "tau_elbow")
+    found = propose(names, ("shoulder", "elbow")).columns
+    assert (found["q1"], found["q2"], found["tau2"]) == ("shoulder", "elbow", "tau_elbow")
+    assert "q1" not in propose(names).columns
+
+
 def test_a_log_of_dvrk_has_its_own_words_and_a_time_of_two_parts():
     each = [f"{kind}_{k}" for kind in ("jp", "jv", "jf", "setpoint_jp") for k in range(2)]
     found = propose(("stamp_sec", "stamp_nsec", *each))

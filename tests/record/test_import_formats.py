@@ -440,6 +440,16 @@ def test_sheets_of_a_workbook_are_runs(tmp_path, frame):
     assert import_table(path, run="second").recordings[0].name == "second"
 
 
+def test_a_sheet_of_notes_is_no_run(tmp_path, frame):
+    path = tmp_path / "lab.xlsx"
+    with pd.ExcelWriter(path) as book:
+        frame.to_excel(book, sheet_name="Data", index=False)
+        pd.DataFrame({"who": ["A. B."], "what": ["warm"]}).to_excel(book, sheet_name="Notes")
+    found = import_table(path)
+    assert found.recordings[0].name == "Data"
+    assert "read is 'Data'; no samples are in Notes" in found.notes
+
+
 def as_text(tmp_path, header, rows):
     table = tmp_path / "run.csv"
     table.write_text("\n".join([*header, *rows]) + "\n")
@@ -650,6 +660,7 @@ def test_a_share_of_a_rated_torque_is_no_torque():
 
 
 def test_german_names_and_the_stamp_of_a_message_are_understood():
+    assert propose(["Zeit", "Winkel", "Moment"]).columns["t"] == "Zeit"
     said = propose(["Zeitstempel", "Position [Grad]", "Drehmoment [Nm]"])
     assert said.columns == {
         "t": "Zeitstempel",

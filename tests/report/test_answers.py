@@ -24,7 +24,7 @@ from hil.models.parts import Trait
 from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import Files, next_steps, percent, with_files
+from hil.report.text import AGAIN, CHECK_FIRST, Files, next_steps, percent, with_files
 
 
 @pytest.fixture(scope="module")
@@ -324,6 +324,13 @@ def test_a_model_that_simulates_twice_as_badly_is_not_for_simulation(late):
     assert "not to simulate" in short(
         late, [*rungs[:-1], replace(rungs[-1], multi_step=worse)], files
     )
+
+
+def test_a_doubted_unit_is_to_be_checked_before_all_else(plain):
+    m = replace(from_diagnosis(plain), verdict="unexplained", findings=[], sets=[])
+    doubted = replace(m, warnings=[*m.warnings, ("effort-scale", "all efforts are 0.02 times")])
+    assert next_steps(m)[0] != CHECK_FIRST
+    assert next_steps(doubted) == [CHECK_FIRST, AGAIN]
 
 
 def test_a_rig_s_arm_stands_in_the_verdict():
