@@ -489,8 +489,8 @@ def _wave(c: Candidate, motion: Motion) -> bool:
 # ------------------------------------------------------------ the robot's description
 
 
-def described_odds(one: FitResult, other: FitResult) -> float:
-    """Log odds of one model over another that explains as much, by the robot's description.
+def described_odds(one: FitResult, others: Sequence[FitResult]) -> list[float]:
+    """Log odds of a model over others that explain as much, by the robot's description.
 
     A law whose place another takes leaves the masses to make up the difference.  With bodies
     pi ~ N(pi_0, rho^2 (R'R)^-1) (see `hil.identify.solve`), k directions of them that the data
@@ -502,13 +502,14 @@ def described_odds(one: FitResult, other: FitResult) -> float:
 
     Parameters
     ----------
-    one, other : FitResult
+    one, others : FitResult, sequence of FitResult
         The models, fitted to the same runs.
     """
-    found = [_off_description(r) for r in (one, other)]
-    directions = min(k for _, k in found)
-    (near, _), (far, _) = found
-    return directions * float(np.log(far / near)) if directions else 0.0
+    if not others:
+        return []
+    near, own = _off_description(one)
+    far = [_off_description(other) for other in others]
+    return [min(own, k) * float(np.log(rho / near)) for rho, k in far]
 
 
 def _off_description(result: FitResult) -> tuple[float, int]:

@@ -116,11 +116,10 @@ class Named:
 
         A rival that is likelier leaves the name undecided: which one is named the search decides.
         """
-        factor = np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))
-        weight = np.array(self.odds).reshape(-1, 2) * factor[:, None]
-        own = np.array(self.own)
+        own, rivals = np.array(self.own), np.array(self.odds).reshape(-1, 2)
+        weight = rivals * np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))[:, None]
         # what is neither the effect nor a rival that is listed keeps its weight
-        left = np.maximum(1.0 - own - np.sum(np.array(self.odds).reshape(-1, 2), axis=0), 0.0)
+        left = np.maximum(1.0 - own - rivals.sum(axis=0), 0.0)
         whole = np.maximum(own + weight.sum(axis=0) + left, 1e-300)
         own, weight = np.maximum(own / whole, np.minimum(own, HALF)), weight / whole
         kept = [k for k in range(len(self.rivals)) if weight[k].max() >= RIVAL]
@@ -400,7 +399,7 @@ def separated(search: Search, named: Named) -> Named:
         for r, rung in zip(named.rivals, rungs, strict=True)
         if not _surely_worse(search, named.candidate, rung, most)
     ]
-    odds = [described_odds(search.now.result, rung.result) for _, rung in pairs]
+    odds = described_odds(search.now.result, [rung.result for _, rung in pairs])
     if len(pairs) == len(named.rivals) and not any(odds):
         return named
     return named.among([r for r, _ in pairs]).told(odds)

@@ -55,12 +55,13 @@ def test_a_spring_is_named_and_no_wrong_ratio_of_the_position(run):
 def test_how_much_less_the_masses_must_be_changed_is_what_counts(run):
     model = hil.base_model(run.robot)
     spring, ratio = (hil.fit(run, model + name) for name in ("spring", "joint-ratio"))
-    assert described_odds(spring, ratio) > 3.0
-    assert described_odds(ratio, spring) == pytest.approx(-described_odds(spring, ratio))
+    (odds,) = described_odds(spring, [ratio])
+    assert odds > 3.0
+    assert described_odds(ratio, [spring]) == pytest.approx([-odds])
     # a description that neither fits says less
     other = swung(0.8)
-    pair = (hil.fit(other, hil.base_model(other.robot) + n) for n in ("spring", "joint-ratio"))
-    assert abs(described_odds(*pair)) < described_odds(spring, ratio) - 2.0
+    one, two = (hil.fit(other, hil.base_model(other.robot) + n) for n in ("spring", "joint-ratio"))
+    assert abs(described_odds(one, [two])[0]) < odds - 2.0
 
 
 def test_odds_weigh_the_rivals_both_ways():
@@ -79,5 +80,5 @@ def test_odds_weigh_the_rivals_both_ways():
 def test_without_a_description_nothing_is_said(run):
     bare = replace(run, robot=RobotSource())
     model = hil.base_model(bare.robot)
-    pair = (hil.fit(bare, model + name) for name in ("spring", "unbalance"))
-    assert described_odds(*pair) == 0.0
+    one, two = (hil.fit(bare, model + name) for name in ("spring", "unbalance"))
+    assert described_odds(one, [two]) == [0.0] and described_odds(one, []) == []
