@@ -132,7 +132,7 @@ def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[_Answ
         fits = _fits(after, before, OPEN)
         if fits or _freed(after, result):
             if not fits:
-                text = text.replace("the model fits", f"the model's error {_falls(after, result)}")
+                text = text.replace(FITS, f"the model's error {_falls(after, result)}")
             n = int(np.sum(signs < 0)) + sum(k != x for k, x in enumerate(columns))
             found.append(_Answer(HALF * _size(after), code, text, n, _off(after)))
     if either := _out_of_order(result, recordings):
@@ -162,7 +162,7 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
     said = [_exchange(stem, x, result.problem.joints) for e, stem, x in tried if HALF * e < least]
     text = f"{said[0][0]}; name the columns in a map ({said[0][1]})"
     if least > OPEN * before:
-        text = text.replace("the model fits", "the model fits better, though not all is explained")
+        text = text.replace(FITS, f"{FITS} better, though not all is explained")
     if len(said) > 1:
         text += (
             f". With the positions in another order it fits as well ({said[1][1]}): the program "
@@ -178,7 +178,7 @@ def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple
     how = "swapped" if len(moved) == 2 else "in the wrong columns"
     what = f"{', '.join(names[:-1])} and {names[-1]} ({', '.join(joints[k] for k in moved)})"
     taken = [f"{stem}{k + 1} from the column of {stem}{order[k] + 1}" for k in moved]
-    return f"{what} are {how}: in the other order the model fits", ", ".join(taken)
+    return f"{what} are {how}: in the other order {FITS}", ", ".join(taken)
 
 
 def _followed(problem: Problem) -> list[int]:
@@ -307,14 +307,12 @@ def _changes(result: FitResult) -> Iterator[tuple[str, str, list[int], FloatArra
     """
     joints, error = result.problem.joints, result.relative
     d, bad = len(joints), error > 100 * TENTH
-    order, fits = list(range(d)), "with the other sign the model fits; change it in a map"
+    order, fits = list(range(d)), f"with the other sign {FITS}; change it in a map"
     for k, joint in ((k, x) for k, x in enumerate(joints) if bad[k]):
         signs = np.where(np.arange(d) == k, -1.0, 1.0)
         yield "sign", f"tau{k + 1} ({joint}) has the wrong sign: {fits}", order, signs
     if d > 1:
-        text = (
-            "all efforts have the wrong sign: with the other one the model fits; change it in a map"
-        )
+        text = f"all efforts have the wrong sign: with the other one {FITS}; change it in a map"
         yield "sign", text, order, np.full(d, -1.0)
     for a, b in combinations(np.flatnonzero(bad).tolist(), 2):
         swapped = _exchanged(order, a, b)
@@ -330,6 +328,8 @@ def _changes(result: FitResult) -> Iterator[tuple[str, str, list[int], FloatArra
 
 #: Instants on which other postures are tried, and steps of a zero around the turn.
 INSTANTS, STEPS = 500, 24
+#: What a correction is said to do, until a fit has told by how much.
+FITS = "the model fits"
 #: Stands for a factor until a fit has told it.
 TIMES = "{times}"
 #: Largest scale of an effort and of a position that is tried.
