@@ -690,10 +690,12 @@ def _wanted(args: argparse.Namespace, found: Choice) -> Option:
 
 def _inseparable(names: tuple[str, ...]) -> str:
     """Why no motion answers, and what would."""
+    shown = [x for n in names for x in catalogue.get(n).doc.shown_by.split("; ")]
+    # of "chirp" and "chirp up to 40 Hz" the second one says all
+    apart = [x for x in dict.fromkeys(shown) if not any(y != x and y.startswith(x) for y in shown)]
     return (
         f"no motion of this robot separates {_versus(names)}: whatever it does, the one "
-        "imitates the other (structural); a different measurement is needed: "
-        + "; ".join(dict.fromkeys(catalogue.get(n).doc.shown_by for n in names))
+        "imitates the other (structural); a different measurement is needed: " + "; ".join(apart)
     )
 
 

@@ -119,16 +119,20 @@ def _off(result: FitResult) -> float:
 
 def _other_efforts(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
     """Efforts that fit turned round or exchanged."""
-    reach, found = Reach(result), list[_Answer]()
+    reach, found, recorded = Reach(result), list[_Answer](), result.problem.as_recorded
     for code, text, columns, signs in _changes(result):
         changed = [replace(r, tau=r.tau[:, columns] * signs) for r in recordings]
-        before, problem = _size(result), _again(result, changed)
-        least = reach.by_joint(problem)
+        before, problem = _size(result), None
+        if columns == sorted(columns):  # only signs: nothing else has to be made anew for a look
+            least = reach.by_joint(*(x * signs[:, None] for x in recorded))
+        else:
+            problem = _again(result, changed)
+            least = reach.by_joint(*problem.as_recorded)
         every = bool(np.all(signs < 0))  # in one fit; friction alone feels it
-        worse = reach.least(problem) > NEAR_FLOOR * OPEN * before
+        worse = float(np.sqrt(np.mean(least**2))) > NEAR_FLOOR * OPEN * before
         if worse and not every and _fall(least, result, False) > HALF:
             continue
-        after = fit(problem, result.model, sweeps=1)
+        after = fit(problem or _again(result, changed), result.model, sweeps=1)
         fits = _fits(after, before, OPEN)
         if fits or _freed(after, result):
             if not fits:

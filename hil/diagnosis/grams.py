@@ -488,29 +488,22 @@ class Reach:
             with problem.aside():
                 self._q, self._r = factors(problem, terms, np.ones(problem.d))
 
-    def least(self, problem: Problem) -> float:
-        """Least relative error over all joints [%] for the efforts of another problem.
+    def by_joint(self, y: FloatArray, effort: FloatArray) -> FloatArray:
+        """Least relative error (d,) [%] for other efforts over the same motion.
+
+        Joint by joint, as the least over all joints has it; 0 where nothing is known.
 
         Parameters
         ----------
-        problem : Problem
-            Of the same motion.
-
-        Returns
-        -------
-        float
-            Root mean square over the joints; 0 where nothing is known.
+        y, effort : ndarray (d, n)
+            What the model is to explain of the efforts, and the efforts.
         """
-        return float(np.sqrt(np.mean(self.by_joint(problem) ** 2)))
-
-    def by_joint(self, problem: Problem) -> FloatArray:
-        """The same joint by joint (d,), as the least over all joints has it."""
-        if not self._known or any(len(q) != problem.n for q in self._q):
-            return np.zeros(problem.d)
-        size = np.sqrt(np.sum(problem.effort**2, axis=1))
+        if not self._known or any(len(q) != y.shape[1] for q in self._q):
+            return np.zeros(len(y))
+        size = np.sqrt(np.sum(effort**2, axis=1))
         weight = 100.0 / np.maximum(size, 1e-300)
-        parts = zip(self._q, self._r, problem.y, weight, strict=True)
-        each = [(w * (q.T @ y), w * r, w * w * float(y @ y)) for q, r, y, w in parts]
+        parts = zip(self._q, self._r, y, weight, strict=True)
+        each = [(w * (q.T @ x), w * r, w * w * float(x @ x)) for q, r, x, w in parts]
         right = np.concatenate([c for c, _, _ in each])
         rows = np.concatenate([r for _, r, _ in each])
         theta = least_squares(rows, right)

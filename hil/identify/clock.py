@@ -430,6 +430,9 @@ DRIFT, START_S = 0.03, 0.5
 #: Band [Hz] of the motion by which drifts are told, and rate [Hz] in it.  Half: quick strokes tell
 #: nothing; double: lateness is sought in twice as many steps.
 TOLD_HZ, TOLD_RATE = 5.0, 100.0
+#: Rate [Hz] at which many ways are ranked: five times the band.  Half: lateness is told by aliases;
+#: double: twice the time.
+RANKED_HZ = 25.0
 #: Steps [s] by which lateness is sought, and length [s] of the first stretch; each next one is
 #: twice as long.  Half: more time; double: strokes of 2 Hz are passed over.
 LATE_STEP, FIRST_S = 0.025, 8.0
@@ -462,6 +465,13 @@ class _Told:
         """What is left in the time up to `end` [s]."""
         return self._of(self.since <= end)
 
+    def roughly(self, end: float) -> _Left:
+        """The same of no more instants than the band asks for, by which many ways are ranked."""
+        at = self.since <= end
+        step = max(int(1.0 / (RANKED_HZ * float(self.since[1] - self.since[0]))), 1)
+        at[np.arange(at.size) % step != 0] = False
+        return self._of(at)
+
     def from_(self, start: float) -> _Left:
         """What is left in the time from `start` [s] on."""
         return self._of(self.since >= start)
@@ -482,13 +492,18 @@ class _Left:
 
     def __call__(self, way: FloatArray) -> float:
         """Mean over the joints of the log of the share of the square that is left."""
-        at = self.since + way[0] + way[1] * self.since
-        out = 0.0
+        return float(self.each(way[None])[0])
+
+    def each(self, ways: FloatArray) -> FloatArray:
+        """The same of several ways (m, 2), (m,)."""
+        at = self.since + ways[:, :1] + ways[:, 1:] * self.since
+        out = np.zeros(len(ways))
         for basis, effort in zip(self.bases, self.efforts.T, strict=True):
             y = np.interp(at, self.whole, effort)
-            y -= y.mean()
-            out += np.log(max(1.0 - np.sum((basis.T @ y) ** 2) / max(y @ y, 1e-300), 1e-12))
-        return float(out / len(self.bases))
+            y -= y.mean(axis=1, keepdims=True)
+            square = np.maximum(np.einsum("ij,ij->i", y, y), 1e-300)
+            out += np.log(np.maximum(1.0 - np.sum((y @ basis) ** 2, axis=1) / square, 1e-12))
+        return out / len(self.bases)
 
 
 #: What was found of a run that is in memory, by its identity: a reference to it, and by its grid.
@@ -595,7 +610,8 @@ def _drift(told: _Told) -> FloatArray | None:
     length, end = float(told.since[-1]), FIRST_S
     whole = told.left(length)
     starts = np.arange(-START_S, START_S + LATE_STEP, LATE_STEP)
-    near = min(starts, key=lambda s: whole(np.array([s, 0.0])))
+    steps = np.stack([starts, np.zeros(starts.size)], axis=1)
+    near = starts[np.argmin(told.roughly(length).each(steps))]
     steady = scipy.optimize.minimize_scalar(
         lambda s: whole(np.array([s, 0.0])),
         bounds=(near - LATE_STEP, near + LATE_STEP),
@@ -607,9 +623,7 @@ def _drift(told: _Told) -> FloatArray | None:
     rates = np.arange(-DRIFT, DRIFT + 1e-9, LATE_STEP / end)
     ways = np.stack(np.meshgrid(starts, rates), axis=-1).reshape(-1, 2)
     while True:
-        left = told.left(end)
-        score = np.array([left(w) for w in ways])
-        ways = ways[np.argsort(score)[:FOLLOWED]]
+        ways = ways[np.argsort(told.roughly(end).each(ways))[:FOLLOWED]]
         if end >= length:
             break
         longer = min(2 * end, length)

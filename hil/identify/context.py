@@ -42,6 +42,10 @@ SETTLING = 3
 #: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
 #: from which on they have.
 LOADS, SAME_SCALE = 8, 0.01
+#: Rise of a joint's error from which a round of the shape search is taken back: it counted on
+#: coefficients that their bounds deny.  Half: rounds that the last steps mend are taken back, too;
+#: double: those that bounds deny may stay.
+DENIED = 1.1
 #: Most rounds in which states of friction come to be those of the solution that is made of them.
 STATES = 12
 
@@ -183,25 +187,30 @@ def _middle(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
 
 
 @dataclass(frozen=True)
-class Given:
-    """A fitted model whose load and states of friction have settled, before its shapes move."""
+class Settled:
+    """A model on the way of a fit: its shapes, and the load and states that belong to them."""
 
     terms: list[Term]
     motions: list[Motion]
     sigma: FloatArray
     idle: set[tuple[str, int]]
 
+    def or_less(self, other: Settled | None, problem: Problem) -> Settled:
+        """The other one where that leaves clearly less, far less on a joint, else this."""
+        if other is None or float(np.max(self.sigma / other.sigma)) < DENIED:
+            return self
+        return other if _clearly_more(self.sigma, other.sigma, problem) else self
+
     def or_better(
         self, problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
     ) -> tuple[list[Term], FloatArray]:
-        """Terms and scales to go on with: those found, or the given ones where they leave less.
+        """Terms and scales to go on with: those found, or these where they leave less.
 
         What terms refer to is found beside all others, and may lead away from where they began.
+        A shape that explains more with a negative friction beside it explains less without one.
         """
-        moves, now = ~problem.holds, problem.rms(solve(problem, terms, model, sigma)[-1])
-        ratio = np.maximum(now[moves], 1e-300) / self.sigma[moves]
-        # the geometric mean of the joints, each in its own effort's scale
-        if not ratio.size or float(np.sum(np.log(ratio))) < ratio.size * np.log(CLOSE):
+        now = problem.rms(solve(problem, terms, model, sigma)[-1])
+        if not _clearly_more(now, self.sigma, problem):
             return terms, sigma
         problem.motions = self.motions
         set_context(problem, self.terms)
@@ -209,9 +218,16 @@ class Given:
         return self.terms, self.sigma
 
 
+def _clearly_more(now: FloatArray, then: FloatArray, problem: Problem) -> bool:
+    """Whether errors (d,) are larger than others in the geometric mean of the joints that move."""
+    moves = ~problem.holds
+    ratio = np.maximum(now, 1e-300)[moves] / then[moves]
+    return bool(ratio.size) and float(np.sum(np.log(ratio))) >= ratio.size * np.log(CLOSE)
+
+
 def settled_as_given(
     problem: Problem, terms: list[Term], model: RobotModel, sigma: FloatArray
-) -> Given | None:
+) -> Settled | None:
     """The model as it was given, with all its shapes; None where there is nothing to settle.
 
     A load that an earlier fit of the same runs has found stands already.
@@ -221,7 +237,7 @@ def settled_as_given(
     for _ in range(SETTLING):
         motions = problem.motions
         sigma, idle = scales(problem, terms, model, sigma)
-    return Given(terms, motions, sigma, idle)
+    return Settled(terms, motions, sigma, idle)
 
 
 def settled_load(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hil.errors import FitError
 from hil.identify.context import (
+    Settled,
     find_surface,
     impossible,
     own_states,
@@ -101,7 +102,7 @@ def fit(
     if whole:
         set_context(problem, terms)  # another fit may have left its own
     given = settled_as_given(problem, terms, model, sigma) if whole else None
-    idle: set[tuple[str, int]] = set()
+    swept, idle = None, set[tuple[str, int]]()
     if given:
         sigma, idle = given.sigma, given.idle
     for sweep in range(sweeps + 1):
@@ -109,10 +110,13 @@ def fit(
         terms = search_shapes(problem, terms, sigma, idle)
         set_context(problem, terms)
         sigma, now = scales(problem, terms, model, sigma)
+        swept = Settled(terms, problem.motions, sigma, now).or_less(swept, problem)
         near = scale is not None and np.max(np.abs(np.log(sigma / before))) < SCALE_CHANGE
         if now == idle and (near or sweep >= sweeps - 1):
             break
         idle = now
+    if swept and swept.terms is not terms:
+        terms, sigma = swept.or_better(problem, terms, model, sigma)
     if any(Trait.LOAD in t.effect.traits for t in terms):
         sigma = settled_load(problem, terms, model, sigma)
     if given:

@@ -291,6 +291,12 @@ class Rows:
         return int(self.whole[-1]) + 1
 
     @property
+    def as_recorded(self) -> tuple[FloatArray, FloatArray]:
+        """What a model is to explain, and the efforts, (d, n) each, before a fit aligned them."""
+        _, y, effort = self._first
+        return y, effort
+
+    @property
     def taken(self) -> Band:
         """Filters and alignment of the efforts that everything here has passed."""
         position, effort = float(self.rates.position), float(self.rates.effort)

@@ -110,3 +110,9 @@ def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
     # what the data hardly see may vary
     errors = [1e-4, *([0.1] * more)] if more > 1 else [0.1, 1e-4]
     assert not refused(one, motion, 0, (), values, errors)
+
+
+def test_a_round_of_the_fit_that_a_bound_denies_is_taken_back() -> None:
+    """Without the bounds a smaller exponent leaves less, beside a friction below zero."""
+    bend = Hidden("sublinear-viscous", 2, 5.0)
+    assert set(named(bend, noise="white", excitation="strokes", seed=2)) == {bend.effect}

@@ -213,3 +213,10 @@ def test_an_identifying_motion_has_a_small_condition_number(tmp_path, capsys):
     assert data["columns"] == 14
     assert data["condition"] < 5.0 < 8.0 < data["condition_naive"]
     assert data["condition"] < data["condition_with_offset"]
+
+
+def test_what_would_separate_effects_is_said_once():
+    from hil.commands.excite import _inseparable
+
+    said = _inseparable(("delay", "actuator-lag"))
+    assert said.count("chirp") == said.count("fast motion") == 1
