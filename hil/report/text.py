@@ -450,6 +450,9 @@ DESCRIBE = (
     "Give the robot's description first (--robot ARM.urdf): gravity and the coupling of the joints "
     "look like changes and remainders as long as the model lacks them."
 )
+#: What to do with rivals, where no motion is known that separates them, and where one may.
+WAIT = "Do not take one of the rivals for the cause."
+WAIT_AND_RECORD = "Do not rely on one of the rivals yet; record the motion that separates them."
 #: The step to which the commands belong.
 ACCEPT = "Accept"
 #: Where what is left acts by itself.
@@ -493,12 +496,17 @@ def _separating(s: Indistinguishable) -> str:
     if s.experiment == EITHER:
         return (
             f"{names}: with the sizes found here, they predict the same for every motion that was "
-            "tried. Use either."
+            "tried. For predictions use either."
         )
     if not s.experiment.startswith(NO_MOTION):
         return f"{names}: record {s.experiment}." + (f"\n{s.command}" if s.command else "")
     other = s.experiment.removeprefix(NO_MOTION).removeprefix("; ")
     return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
+
+
+def _separable(s: Indistinguishable) -> bool:
+    """Whether a motion of this robot tells rivals apart."""
+    return s.experiment != EITHER and not s.experiment.startswith(NO_MOTION)
 
 
 def _doubted(f: Finding) -> str:
@@ -546,7 +554,8 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "ambiguous":
         # what the table does not list as a rival is not to be separated first
         separating = [x for x, s in zip(motions, rivals, strict=True) if _listed(s, m.findings)]
-        wait = "Do not rely on one of the rivals yet; record the motion that separates them."
+        some = [s for s in rivals if _listed(s, m.findings)]
+        wait = WAIT_AND_RECORD if not some or any(map(_separable, some)) else WAIT
         doubted = [_doubted(f) for f in m.findings if f.confidence < CONFIDENT and not f.rivals]
         among = any(f.rivals for f in m.findings)
         return [*([wait] if among else []), *separating[:3], *doubted]

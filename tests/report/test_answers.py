@@ -193,9 +193,11 @@ def test_of_rivals_only_those_are_to_be_separated_that_the_answer_lists(plain):
     doubtful = replace(finding("spring"), rivals=["unbalance"])
     m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful], sets=sets)
     wait, either = next_steps(m)
-    assert "record the motion that separates them" in wait
+    assert "record" not in wait and "Do not take one of the rivals for the cause" in wait
     assert either.startswith("spring or unbalance: with the sizes found here")
-    assert either.endswith("Use either.")
+    assert either.endswith("For predictions use either.")
+    m = replace(m, sets=[sets[0], replace(sets[1], experiment="slow strokes")])
+    assert "record the motion that separates them" in next_steps(m)[0]
 
 
 def test_a_name_that_is_doubtful_without_a_rival_says_why(plain):
