@@ -497,6 +497,11 @@ class Reach:
         ----------
         y, effort : ndarray (d, n)
             What the model is to explain of the efforts, and the efforts.
+
+        Returns
+        -------
+        ndarray (d,)
+            Shares of the rms effort [%].
         """
         if not self._known or any(len(q) != y.shape[1] for q in self._q):
             return np.zeros(len(y))

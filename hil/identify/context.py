@@ -43,8 +43,9 @@ SETTLING = 3
 #: from which on they have.
 LOADS, SAME_SCALE = 8, 0.01
 #: Rise of a joint's error from which a round of the shape search is taken back: it counted on
-#: coefficients that their bounds deny.  Half: rounds that the last steps mend are taken back, too;
-#: double: those that bounds deny may stay.
+#: coefficients that their bounds deny.  A rise of a hundredth: rounds that the last steps mend are
+#: taken back, too, and bristles that come to nothing stay (leaking spring); half or double the
+#: tenth: nothing known moves, for what bounds deny rose by two thirds and more.
 DENIED = 1.1
 #: Most rounds in which states of friction come to be those of the solution that is made of them.
 STATES = 12

@@ -524,7 +524,6 @@ def next_steps(m: Material) -> list[str]:
     """What to do now, in plain words."""
     named = {f.effect for f in m.findings}
     rivals = [s for s in m.sets if named & set(s.effects)]
-    motions = [_separating(s) for s in rivals]
     if m.verdict == "missing-effect":
         sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
         steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]
@@ -553,8 +552,8 @@ def next_steps(m: Material) -> list[str]:
         return [SLOWLY if slow else ELSEWHERE, AGAIN]
     if m.verdict == "ambiguous":
         # what the table does not list as a rival is not to be separated first
-        separating = [x for x, s in zip(motions, rivals, strict=True) if _listed(s, m.findings)]
         some = [s for s in rivals if _listed(s, m.findings)]
+        separating = [_separating(s) for s in some]
         wait = WAIT_AND_RECORD if not some or any(map(_separable, some)) else WAIT
         doubted = [_doubted(f) for f in m.findings if f.confidence < CONFIDENT and not f.rivals]
         among = any(f.rivals for f in m.findings)
