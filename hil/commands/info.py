@@ -37,7 +37,7 @@ from hil.userfile import read_text
 
 if TYPE_CHECKING:
     from hil.identify.prepare import Prepared
-    from hil.identify.readings import Lateness
+    from hil.identify.timing import Lateness
 
 _US = (
     ("wake-up late", "late"),
@@ -181,13 +181,13 @@ def _arm(r: Recording) -> _Arm:
         return _Arm(r, faults, None)
     from hil.commands.common import note_compiling
     from hil.identify.prepare import prepared
-    from hil.identify.readings import lateness
+    from hil.identify.timing import lateness
 
     note_compiling()
     told: list[tuple[str, str]] = []
     try:
         if any(f.code == "velocity-scale" for f in faults):
-            from hil.identify.readings import reading_notes
+            from hil.identify.timing import reading_notes
 
             told = reading_notes(r)
         return _Arm(r, faults, prepared(r), told, lateness(r))

@@ -505,7 +505,32 @@ class Problem(Rows):
         same = len(runs) == len(recordings) and all(map(lambda a, b: a is b, runs, recordings))
         if not same or rest != [robot, explains, band, rates]:
             return None
+        out = self._unfitted(*self._first)
+        self._kept = Kept()
+        return out
+
+    def with_signs(self, recordings: Sequence[Recording], signs: FloatArray) -> Problem:
+        """The same before any fit, with motor efforts of other signs; columns are kept.
+
+        What was found of their clock stays: it asks how well an effort follows, and not where to.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            The runs with these efforts.
+        signs : ndarray (d,)
+            Factor of each joint's effort, 1 or -1.
+        """
         first, y, effort = self._first
+        motions = tuple(replace(m, tau=m.tau * signs) for m in first)
+        turned = effort * signs[:, None]
+        out = self._unfitted(motions, y - effort + turned, turned)
+        out.recordings = [replace(r, tau=r.tau * signs) for r in self.recordings]
+        vars(out).update(_asked=(tuple(recordings), *self._asked[1:]))
+        return out
+
+    def _unfitted(self, first: tuple[Motion, ...], y: FloatArray, effort: FloatArray) -> Problem:
+        """The same before any fit, with these motions and efforts; columns of them are kept."""
         motions = list(first)
         fresh = {
             "motions": motions,
@@ -517,10 +542,10 @@ class Problem(Rows):
             "asked_late": False,
             "aligned": False,
             "_spare": False,
+            "_first": (first, y, effort),
         }
         out = copy.copy(self)
         vars(out).update(fresh, _kept=self._kept.pruned(motions))
-        self._kept = Kept()
         return out
 
     def shift_effort(self, seconds: float) -> None:

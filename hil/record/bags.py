@@ -18,7 +18,6 @@ from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
 from hil.record.schema import LIBRARY
-from hil.record.units import axes_unit, epoch_unit
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -445,6 +444,8 @@ def _recording(
 
     Topics are `taken` by any arm; the others are told.
     """
+    from hil.record.units import axes_unit
+
     effort, source = _effort(bag, state, chosen)
     called = _names_of_robot(chosen.robot or _description(bag, arm), state.names)
     state, effort = _renamed(state, called), _renamed(effort, called)
@@ -505,6 +506,8 @@ def _began(state: _Group, first: int, clock: str) -> dict[str, str]:
 
     The own stamps of a simulated robot count from the start of the simulation.
     """
+    from hil.record.units import epoch_unit
+
     received = int(state.stamp[np.argmax(state.header == first)]) if clock == "header" else first
     known = next((ns for ns in (int(first), int(received)) if epoch_unit(ns * 1e-9) == "s"), 0)
     return {BEGAN: f"{known * 1e-9:.3f}"} if known else {}

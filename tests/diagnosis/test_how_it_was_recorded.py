@@ -17,8 +17,7 @@ from hil.errors import ConfigError
 from hil.identify.fit import fit
 from hil.identify.prepare import prepared
 from hil.identify.problem import Alignment, Problem
-from hil.identify.readings import lateness
-from hil.identify.timing import late_after_all
+from hil.identify.timing import late_after_all, lateness
 from hil.models.files import read_model, write_model
 from hil.models.urdf import UrdfRobot
 from hil.record.checks import check

@@ -9,8 +9,8 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis.columns import Postures, Sense
 from hil.diagnosis.engine import diagnose
+from hil.diagnosis.postures import Postures, Sense
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue

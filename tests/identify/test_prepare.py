@@ -17,7 +17,6 @@ from hil.identify.clock import even
 from hil.identify.fit import fit
 from hil.identify.prepare import bridged, prepared, signal
 from hil.identify.problem import Problem
-from hil.identify.readings import lateness, reading_notes, readings
 from hil.identify.slow_motion import (
     CLEAR,
     _agreed,
@@ -27,7 +26,7 @@ from hil.identify.slow_motion import (
     sample_shift,
     slow_delay,
 )
-from hil.identify.timing import fit_aligned, late_effort
+from hil.identify.timing import fit_aligned, late_effort, lateness, reading_notes, readings
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import Recording, RobotSource
 from hil.record.urdf_joints import urdf_joints

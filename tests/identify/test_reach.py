@@ -6,7 +6,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.diagnosis.columns import Reach
+from hil.diagnosis.grams import Reach
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models.model import base_model
@@ -37,3 +37,19 @@ def test_nothing_is_known_of_other_models() -> None:
     problem = Problem([run], run.robot)
     reach = Reach(fit(problem, base_model(run.robot) + "quadratic-drag"))
     assert not reach.by_joint(*problem.as_recorded).any()
+
+
+def test_another_sign_is_fitted_without_preparing_the_runs_again() -> None:
+    run = plants.coulomb_axes(0, 4000, d=2, drag=0.1)
+    problem, model, signs = Problem([run], run.robot), base_model(run.robot), np.array([-1.0, 1.0])
+    fit(problem, model)
+    changed = [replace(run, tau=run.tau * signs)]
+    turned = problem.with_signs(changed, signs)
+    anew = Problem(changed, run.robot, rates=problem.rates)
+    assert np.allclose(turned.y, anew.y, rtol=1e-12, atol=1e-12 * np.abs(anew.y).max())
+    assert np.allclose(turned.recordings[0].tau, anew.recordings[0].tau)
+    found, same = fit(turned, model), fit(anew, model)
+    assert np.allclose(found.relative, same.relative)
+    assert found.values.keys() == same.values.keys()
+    # what it was made from is as it was
+    assert np.allclose(fit(problem, model).relative, fit(Problem([run], run.robot), model).relative)
