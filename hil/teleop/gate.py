@@ -139,26 +139,24 @@ def _sides(loop: SampledLoop, zh: Impedance, ze: Impedance, period: float) -> tu
     return _Side(*found[0]), _Side(*found[1])
 
 
-def _members(loop: SampledLoop, period: float) -> list[_Member]:
-    """The whole set, judged, beside and within the virtual fixtures."""
-    out = _beside(loop, period)
+def _members(loop: SampledLoop, period: float) -> Iterator[_Member]:
+    """The whole set, judged one by one, beside and within the virtual fixtures."""
+    yield from _beside(loop, period)
     if any(loop.fixture):
-        out += [replace(m, within=True) for m in _beside(loop.within(), period)]
-    return out
+        yield from (replace(m, within=True) for m in _beside(loop.within(), period))
 
 
-def _beside(loop: SampledLoop, period: float) -> list[_Member]:
+def _beside(loop: SampledLoop, period: float) -> Iterator[_Member]:
     """The set without fixtures: slow modes with the arms' friction, fast ones with little of it.
 
     While an arm slides, Coulomb friction damps no small oscillation about the sliding.
     """
     if not any((*loop.friction, *loop.compensated)):
-        return _judged(loop, period, 0.0)
+        yield from _judged(loop, period, 0.0)
+        return
     fast = _judged(_sliding(loop), period, 2 * np.pi * _FAST_HZ * period)
-    return [
-        a if (a.delay_s, -a.radius) <= (b.delay_s, -b.radius) else b
-        for a, b in zip(_judged(loop, period, 0.0), fast, strict=True)
-    ]
+    for a, b in zip(_judged(loop, period, 0.0), fast, strict=True):
+        yield a if (a.delay_s, -a.radius) <= (b.delay_s, -b.radius) else b
 
 
 def _sliding(loop: SampledLoop) -> SampledLoop:
@@ -174,21 +172,23 @@ def _sliding(loop: SampledLoop) -> SampledLoop:
 _SLIDING, _FAST_HZ = 0.2, 50.0
 
 
-def _judged(loop: SampledLoop, period: float, slowest: float) -> list[_Member]:
+def _judged(loop: SampledLoop, period: float, slowest: float) -> Iterator[_Member]:
     """The whole set, modes slower than `slowest` [rad a period] left out."""
-    out = []
     z = np.exp(1j * _ANGLES)
     for tip in loop.tips or (loop.masses(),):
         masters, slaves = _each(replace(loop, tip=tip), period)
-        ahead = np.stack([m.response(z) for m in masters])
-        behind = np.stack([s.response(z) for s in slaves])
-        for i, zh in enumerate(loop.operators):
-            for k, ze in enumerate(loop.environments):
-                radius = _radius(masters[i], slaves[k], slowest)
-                bears = _first_crossing(ahead[i] * behind[k], slowest) * period
-                stable = radius <= 1.0 + GROWTH
-                out.append(_Member(zh, ze, tip, radius, bears if stable else 0.0))
-    return out
+        responses: dict[int, ComplexArray] = {}
+        for (zh, master), (ze, slave) in product(
+            zip(loop.operators, masters, strict=True), zip(loop.environments, slaves, strict=True)
+        ):
+            radius, bears = _radius(master, slave, slowest), 0.0
+            if radius <= 1.0 + GROWTH:
+                for side in (master, slave):
+                    if id(side) not in responses:
+                        responses[id(side)] = side.response(z)
+                around = responses[id(master)] * responses[id(slave)]
+                bears = _first_crossing(around, slowest) * period
+            yield _Member(zh, ze, tip, radius, bears)
 
 
 def _each(loop: SampledLoop, period: float) -> tuple[list[_Side], list[_Side]]:
@@ -233,7 +233,7 @@ def margins(loop: SampledLoop, period: float) -> Margins:
     period : float
         Of the loop [s].
     """
-    found = _members(loop, period)
+    found = list(_members(loop, period))
     least = min(found, key=lambda m: (m.delay_s, -m.radius))
     now = replace(loop.real, forward_s=0.0, backward_s=0.0)
     pole = max(
@@ -274,25 +274,40 @@ def refuse(loops: Iterable[SampledLoop], period: float) -> None:
 def passes(loop: SampledLoop, period: float) -> bool:
     """Whether one axis may run."""
     try:
-        refuse([loop], period)
+        _proper(loop)
     except ConfigError:
         return False
-    return True
+    return _unfit(replace(loop, axis=""), period) is None
+
+
+@lru_cache(maxsize=64)
+def _unfit(loop: SampledLoop, period: float) -> _Member | None:
+    """The first member of the set that is unstable, else the one that bears too short a delay."""
+    least: _Member | None = None
+    for member in _members(loop, period):
+        if member.unstable:
+            return member
+        least = member if least is None or member.delay_s < least.delay_s else least
+    total = _round_trip(loop, period)
+    return least if least and total > min(least.delay_s, _LONGEST) else None
+
+
+def _round_trip(loop: SampledLoop, period: float) -> float:
+    """Delay to and fro [s]; the loop has whole ticks."""
+    real = loop.real.held(period)
+    return real.forward_s + real.backward_s
 
 
 @lru_cache(maxsize=64)
 def _refusal(loop: SampledLoop, period: float) -> str:
     """Why the loop must not run; empty where it may."""
-    found = _members(loop, period)
-    for member in found:
-        if member.unstable:
-            here = loop.within() if member.within else loop
-            return f"{member.text}: {_why(here, member, period)}"
-    real = loop.real.held(period)  # the loop has whole ticks
-    total = real.forward_s + real.backward_s
-    least = min(found, key=lambda m: m.delay_s)
-    if total <= min(least.delay_s, _LONGEST):
+    least = _unfit(loop, period)
+    if least is None:
         return ""
+    if least.unstable:
+        here = loop.within() if least.within else loop
+        return f"{least.text}: {_why(here, least, period)}"
+    total = _round_trip(loop, period)
     return (
         f"{least.text}: the round-trip delay of {1e3 * total:.3g} ms is beyond the margin of "
         f"{1e3 * least.delay_s:.3g} ms; shorten the delay, lower c2, c4 and the stiffness, or take "
