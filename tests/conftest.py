@@ -1,5 +1,6 @@
 """What tests of several folders share."""
 
+import gc
 import os
 import tracemalloc
 from pathlib import Path
@@ -49,6 +50,12 @@ LONGEST = (
     "sim/test_mujoco_plants.py",
     "report/test_report.py",
 )
+
+
+def pytest_collection_finish():
+    # thousands of tests live until the end: the collector need not look at them again
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):

@@ -13,7 +13,14 @@ def answer(fitted: Recording, held: list[Recording] | None = None):
     return hil.diagnose([fitted], hil.base_model(fitted.robot), held)
 
 
-@pytest.mark.parametrize("held", [[], ["load"], ["none"]], ids=["fifths", "both", "bare"])
+@pytest.mark.parametrize(
+    "held",
+    [
+        pytest.param([], id="fifths"),
+        pytest.param(["load"], id="both", marks=pytest.mark.slow),
+        pytest.param(["none"], id="bare"),
+    ],
+)
 def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tmp_path):
     d = answer(plants.pickup(1), [plants.pickup(2, change, "other") for change in held])
     (found,) = d.findings

@@ -198,7 +198,7 @@ def test_backlash_is_named(width: float) -> None:
     assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)
 
 
-@pytest.mark.parametrize("unlike", [1.0, 0.7])
+@pytest.mark.parametrize("unlike", [pytest.param(1.0, marks=pytest.mark.slow), 0.7])
 def test_two_motors_of_two_joints_are_a_differential(unlike: float) -> None:
     """Cables of a wrist: seals of both motors, whose friction is an algebraic function of speed."""
 

@@ -22,7 +22,9 @@ def fitted(run: Recording, model: RobotModel) -> FitResult:
     return fit(Problem([run], model.robot), model)
 
 
-@pytest.mark.parametrize(("noise", "rho"), [(0.05, 0.0), (0.2, 0.0), (0.05, 0.95)])
+@pytest.mark.parametrize(
+    ("noise", "rho"), [(0.05, 0.0), pytest.param(0.2, 0.0, marks=pytest.mark.slow), (0.05, 0.95)]
+)
 def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
     results = [
         fitted(plants.stribeck_axis(s, noise, rho), AXIS + "stribeck").values for s in range(40)
