@@ -193,23 +193,40 @@ def whole_rows(
 def _refuse_not_finite(
     table: ForeignTable, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
 ) -> None:
-    """Refuse NaN and infinite values, naming the column, how many and which rows first."""
-    for target, column in values.items():
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size:
-            source = ", ".join(rules[target].terms) if target in rules else target
-            first = ", ".join(str(table.first_row + k) for k in bad[:5])
-            some = f"rows {first}, ..." if bad.size > 5 else f"rows {first}"
-            where, these = (f"row {first}", "it") if bad.size == 1 else (some, "these rows")
-            what = (
-                f"table {table.path}: column {source!r} has {bad.size} missing, NaN or infinite "
-                f"values of {column.size}, in {where}"
-            )
-            raise DataError(
-                f"{what}; cut or repair {these}, or say what to do with such rows: "
-                'missing = "drop" or "interpolate" in [table] of a map, or '
-                f"{table.option('missing', 'drop')} or {table.option('missing', 'interpolate')}"
-            ).about("missing", what)
+    """Refuse NaN and infinite values: every column that has some, the worst first, and rows."""
+    bad = {target: np.flatnonzero(~np.isfinite(v)) for target, v in values.items()}
+    some = sorted((k for k in bad if bad[k].size), key=lambda k: -bad[k].size)
+    if not some:
+        return
+    size = values[some[0]].size
+    names = {k: ", ".join(rules[k].terms) if k in rules else k for k in some}
+    each = [
+        f"column {names[k]!r} has {bad[k].size} missing, NaN or infinite values of {size}, in "
+        f"{_rows_told(table, bad[k])}"
+        for k in some[:_TOLD]
+    ]
+    if len(some) > _TOLD:
+        more = ", ".join(f"{names[k]!r} {bad[k].size}" for k in some[_TOLD:])
+        each.append(f"further columns: {more}")
+    what = f"table {table.path}: {'; '.join(each)}"
+    these = "it" if len(some) == 1 and bad[some[0]].size == 1 else "these rows"
+    raise DataError(
+        f"{what}; cut or repair {these}, or say what to do with such rows: "
+        'missing = "drop" or "interpolate" in [table] of a map, or '
+        f"{table.option('missing', 'drop')} or {table.option('missing', 'interpolate')}"
+    ).about("missing", what)
+
+
+#: Columns whose rows are told, and rows of each.
+_TOLD, _ROWS = 3, 5
+
+
+def _rows_told(table: ForeignTable, rows: NDArray[np.intp]) -> str:
+    """The first of some rows, as the table counts them."""
+    first = ", ".join(str(table.first_row + k) for k in rows[:_ROWS])
+    if rows.size == 1:
+        return f"row {first}"
+    return f"rows {first}, ..." if rows.size > _ROWS else f"rows {first}"
 
 
 def _mended(values: Mapping[str, FloatArray], how: str) -> tuple[dict[str, FloatArray], str]:

@@ -679,6 +679,20 @@ def test_missing_cells_are_refused_with_what_to_say(tmp_path, capsys):
     assert "--missing drop or --missing interpolate" in capsys.readouterr().err
 
 
+def test_every_column_with_missing_cells_is_named_the_worst_first(tmp_path, capsys):
+    names = ["q1", "q2", "q3", "tau1", "tau2", "tau3"]
+    cells = np.arange(6)[None, :] + np.linspace(0, 1, 400)[:, None]
+    for k, bad in ((0, [7]), (2, range(40, 160)), (4, range(9)), (5, [3, 5])):
+        cells[list(bad), k] = np.nan
+    rows = [",".join([f"{k / 500:.3f}", *map(str, row)]) for k, row in enumerate(cells)]
+    table = as_text(tmp_path, [",".join(["t", *names])], rows)
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    said = capsys.readouterr().err
+    worst = "column 'q3' has 120 missing, NaN or infinite values of 400, in rows 42, 43, 44,"
+    assert worst in said and "column 'tau3' has 2 " in said and "further columns: 'q1' 1;" in said
+    assert said.index("'q3'") < said.index("'tau2' has 9") < said.index("'tau3'")
+
+
 def test_a_velocity_that_was_never_filled_is_said():
     run = plants.smooth_axis(1)
     told = [f for f in check(replace(run, qd=np.zeros_like(run.q))) if f.code == "velocity-empty"]
