@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import CERTAIN, LEVEL, NEAR_FLOOR
+from hil.diagnosis.constants import ADEQUATE, CERTAIN, LEVEL, NEAR_FLOOR
 from hil.diagnosis.floor import practical
 from hil.diagnosis.types import Floor
 from hil.identify.problem import Problem
@@ -362,13 +362,18 @@ def regions(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Re
 
 
 def that_matter(result: FitResult, floor: Floor, most: int = 6) -> dict[str, list[Region]]:
-    """The same without what is below the practical size, unless all of it together is not."""
+    """The same without what is below the practical size, unless all of it together is not.
+
+    Nor what is above its noise band by no more than bands and floors are known to.
+    """
     problem, found = result.problem, _found(result, floor)
     least = practical(problem) * problem.rms(problem.effort)
     excess = result.rms**2 - floor.rms**2
+    met = (excess <= least**2) | (result.rms <= ADEQUATE * floor.rms)
     for j, joint in enumerate(problem.joints):
-        large = [r for r in found[joint] if abs(r.mean) > least[j]]
-        if large or excess[j] <= least[j] ** 2:
+        clear = [r for r in found[joint] if r.strength > NEAR_FLOOR]
+        large = [r for r in clear if abs(r.mean) > least[j]]
+        if large or met[j]:
             found[joint] = large
     return {joint: _strongest(items, most) for joint, items in found.items()}
 
@@ -398,7 +403,7 @@ def nowhere(problem: Problem) -> str:
     """What is said where there is no region."""
     return (
         f"nowhere above the noise band by more than {100 * practical(problem):g} % of the rms "
-        "effort; what is less does not matter"
+        f"effort and {100 * (NEAR_FLOOR - 1):.0f} % of the band; what is less does not matter"
     )
 
 

@@ -329,9 +329,9 @@ def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> 
     return out
 
 
-#: Share of the instants at each end that is no range, the margin beyond it, and the share of
-#: instants outside that is worth a warning.
-TAIL, MARGIN, WORTH = 0.005, 0.05, 0.02
+#: Share of the instants at each end that is no range, the margin beyond it, and the shares of
+#: instants outside that are worth a warning, and one of their own.
+TAIL, MARGIN, WORTH, OFTEN = 0.005, 0.05, 0.02, 0.10
 QUANTITIES = ("position", "speed", "load")
 
 
@@ -374,7 +374,10 @@ def range_limits(known: Range, what: str) -> tuple[float, float]:
 
 
 def outside(known: Sequence[Range], problem: Problem, which: str = "session") -> list[str]:
-    """Sentences on what leaves the identified range: one a quantity, with every such joint.
+    """Sentences on what leaves the identified range.
+
+    One a quantity, with every joint that is outside often; and a short one for all others, by how
+    much of the range they leave it, the worst first.
 
     Parameters
     ----------
@@ -385,35 +388,48 @@ def outside(known: Sequence[Range], problem: Problem, which: str = "session") ->
     which : str
         What to call them.
     """
-    ranges, out = {r.joint: r for r in known}, []
+    ranges, out, rare = {r.joint: r for r in known}, [], []
     for what in QUANTITIES:
-        parts = [
-            _part(problem, j, what, ranges[joint])
-            for j, joint in enumerate(problem.joints)
-            if joint in ranges
-        ]
-        beyond = "; ".join(p for p in parts if p)
-        if beyond:
+        parts = []
+        for j, joint in enumerate(problem.joints):
+            share, far = _beyond(problem, j, what, ranges[joint]) if joint in ranges else (0.0, 0.0)
+            if share > OFTEN:
+                parts.append(_part(problem, j, what, ranges[joint]))
+            elif share > WORTH:
+                rare.append((far, share, f"{what} of {joint}"))
+        if parts:
             out.append(
                 f"the {which} leaves the identified {what} range; "
-                f"predictions there are extrapolations: {beyond}"
+                f"predictions there are extrapolations: {'; '.join(parts)}"
             )
+    if rare:
+        each = ", ".join(f"{name} {100 * far:.0f} %" for far, _, name in sorted(rare, reverse=True))
+        most = max(share for _, share, _ in rare)
+        out.append(
+            f"the {which} leaves the identified range for up to {100 * most:.0f} % of the time; "
+            f"predictions there are extrapolations, by these shares of the range: {each}"
+        )
     return out
 
 
 def leaves(known: Sequence[Range], problem: Problem, j: int) -> bool:
     """Whether joint j leaves its identified range in any quantity."""
     own = [r for r in known if r.joint == problem.joints[j]]
-    return any(_part(problem, j, what, r) for r in own for what in QUANTITIES)
+    return any(_beyond(problem, j, what, r)[0] > WORTH for r in own for what in QUANTITIES)
+
+
+def _beyond(problem: Problem, j: int, what: str, known: Range) -> tuple[float, float]:
+    """Share of the time for which joint j is outside its range, and how far, in its width."""
+    x, (low, high) = _values(problem, j, what), range_limits(known, what)
+    share = float(np.mean((x < low) | (x > high)))
+    low, high = getattr(known, what)
+    return share, float(max(low - x.min(), x.max() - high, 0.0)) / max(high - low, 1e-12)
 
 
 def _part(problem: Problem, j: int, what: str, known: Range) -> str:
-    """How often and how far joint j leaves its range; empty where that is rare."""
-    x, (low, high) = _values(problem, j, what), range_limits(known, what)
-    share = float(np.mean((x < low) | (x > high)))
-    if share <= WORTH:
-        return ""
-    low, high = getattr(known, what)
+    """How often and how far joint j leaves its range."""
+    x, (low, high) = _values(problem, j, what), getattr(known, what)
+    share = _beyond(problem, j, what, known)[0]
     return (
         f"{problem.joints[j]} for {100 * share:.0f} % of the time ({x.min():.3g} to {x.max():.3g}, "
         f"identified {low:.3g} to {high:.3g} {_unit(problem, j, what)})"

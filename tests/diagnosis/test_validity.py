@@ -8,6 +8,8 @@ import pytest
 
 import hil
 from hil.errors import ConfigError
+from hil.identify.fit import identified, outside
+from hil.identify.problem import Problem
 from hil.models.files import read_model, write_model
 from hil.models.model import Range
 from hil.report.data import comparison_json, diagnosis_json
@@ -38,7 +40,8 @@ def test_wider_and_faster_motion_is_flagged_with_joint_and_size(tmp_path):
     small = wide.slice(0, 3000)  # six of twenty seconds
     model = model_of(small, tmp_path)
     said = codes(comparison_json(hil.compare([wide], model))["warnings"])
-    assert said and all("joint1 for " in text and "% of the time" in text for _, text in said)
+    assert said and all("joint1" in text and "% of the time" in text for _, text in said)
+    assert "position of joint1 14 %" in said[-1][1]
     d = hil.diagnose([wide], model)
     assert codes(diagnosis_json(d)["warnings"]) == said
     assert d.findings == []
@@ -46,6 +49,25 @@ def test_wider_and_faster_motion_is_flagged_with_joint_and_size(tmp_path):
     assert [text for _, text in fitted.warnings] == [text for _, text in said]
     # a fit to the wider motion holds there
     assert not codes(comparison_json(hil.compare([wide], fitted.model))["warnings"])
+
+
+def test_rare_excursions_are_one_short_line_the_farthest_first():
+    run = plants.axis(1)
+    problem = Problem([run], run.robot)
+    (whole,) = identified(problem)
+    assert outside([whole], problem) == []
+    q = np.concatenate([m.q[:, 0] for m in problem.motions])
+    low, high = np.quantile(q, [0.1, 0.995]).tolist()
+    near = replace(whole, position=(low, high), speed=tuple(0.8 * x for x in whole.speed))
+    (line,) = outside([near], problem)
+    assert line.startswith("the session leaves the identified range for up to ")
+    told = line.partition("by these shares of the range: ")[2].split(", ")
+    sizes = [float(x.split(" ")[-2]) for x in told]
+    assert {x.split(" ")[0] for x in told} == {"position", "speed"}
+    assert sizes == sorted(sizes, reverse=True)
+    often = replace(near, speed=tuple(0.3 * x for x in whole.speed))
+    first, second = outside([often], problem)
+    assert "speed range" in first and "joint1 for " in first and "position of joint1 " in second
 
 
 def test_held_out_session_outside_the_fit_is_flagged():

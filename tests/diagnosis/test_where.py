@@ -7,8 +7,9 @@ import plants
 import pytest
 
 from hil.commands.compare import text
+from hil.diagnosis import residuals
 from hil.diagnosis.evidence import gather
-from hil.diagnosis.residuals import lines, path, regions, since_reversal
+from hil.diagnosis.residuals import Region, lines, path, regions, since_reversal
 from hil.diagnosis.verbs import compare, fit
 from hil.identify.problem import Problem
 from hil.identify.timing import fit_aligned
@@ -85,6 +86,20 @@ def test_what_is_below_the_practical_size_is_no_place_and_no_alarm() -> None:
     assert "nowhere above the noise band by more than 0.3 % of the rms effort" in said[0.0015]
     assert "times its noise band" not in said[0.0015] and "remaining error" not in said[0.0015]
     assert "the residual has a line at 3" in said[0.015]
+
+
+def test_what_is_hardly_above_its_noise_band_is_no_place(monkeypatch) -> None:
+    """Bands and floors are known to a tenth each."""
+    result, floor = compared(plants.stiction_axis(1))
+    size = float(result.problem.rms(result.problem.effort)[0])
+
+    def place(strength):
+        return Region("joint1", "speed", 0.0, 1.0, "rad/s", size, size, 1.0, strength, "there")
+
+    for strengths, kept in (((1.05, 1.2), []), ((1.2, 1.5), [1.5])):
+        found = {"joint1": [place(x) for x in strengths]}
+        monkeypatch.setattr(residuals, "_found", lambda *_, of=found: dict(of))
+        assert [r.strength for r in residuals.that_matter(result, floor)["joint1"]] == kept
 
 
 def test_a_comparison_says_whose_floor_it_is() -> None:
