@@ -63,7 +63,7 @@ SENTENCES = {
 }
 
 
-def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
+def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False, files: Files | None = None) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
     lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
     if not d.ladder:
@@ -76,9 +76,9 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
     lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
-    lines += _left(d) + _corrections(d)
+    lines += _left(d) + _corrections(d, files)
     beside = set(LEADING) - {NO_GEOMETRY}
-    lines += dict.fromkeys(f"  {ended(w)}" for code, w in d.warnings if code in beside)
+    lines += dict.fromkeys(_line(w) for code, w in d.warnings if code in beside)
     if d.verdict == "adequate":
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
@@ -100,7 +100,12 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False) -> str:
     return "\n".join(lines)
 
 
-def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
+def _line(said: str) -> str:
+    """Sentences on a line, and their commands on lines of their own."""
+    return f"  {ended(said)}".replace("\n", "\n    ")
+
+
+def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = False) -> str:
     """The answer on one screen: verdict, names, errors before and after, what to do next.
 
     Parameters
@@ -110,7 +115,9 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     rungs : list of Rung
         Its ladder with both errors.
     files : Files, optional
-        What it was made from, for the command that comes next; None where that is done already.
+        What it was made from, for the commands that come next.
+    done : bool
+        Whether the improved model is written already.
     """
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
@@ -133,10 +140,11 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None) -> str:
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
-        said += laws(d.corrections)
-    lines += ["", *(f"  {ended(w)}" for w in said)] if said else []
+        said += laws(d.corrections, files)
+    lines += ["", *map(_line, said)] if said else []
     lines += ["", "Next"]
-    commands = [f"    {line}" for line in command(m, files).splitlines()] if files else []
+    typed = command(m, files).splitlines() if files and not done else []
+    commands = [f"    {line}" for line in typed]
     if rising(rungs, 1 / HALF):
         lines.append(f"  - {_NO_SIMULATION}")
     for step in next_steps(m)[:_STEPS]:
@@ -268,12 +276,26 @@ def _names_table(d: Diagnosis) -> str:
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
     table = terminal.table(head, rows, (0, 4))
-    little = any(f.excess_explained < OF_ALL for f in d.findings)
-    return f"{table}\n  {EXPLAINS}" if little else table
+    notes = [ERRORS] if any(_later(d, f) for f in d.findings) else []
+    notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in d.findings) else []
+    return "\n  ".join([table, *notes])
+
+
+def _later(d: Diagnosis, f: Finding) -> bool:
+    """Whether an effect's first error is another one than that of the given model."""
+    joints, joint = d.result.problem.joints, f.felt_on or f.joint
+    if joint not in joints:
+        return False
+    given = float(d.ladder[0].heldout.relative[joints.index(joint)])
+    return f"{given:.2f}" != f"{f.relative_before:.2f}"
 
 
 #: Share of all that is to be explained below which the answer says of what it is one.
 OF_ALL = 0.01
+ERRORS = (
+    "error %: before and after the effect, beside what was added before it; the first error of the "
+    "table below is that of the given model"
+)
 EXPLAINS = (
     "explains %: share of the squared error above the noise floor before any effect was added; "
     "the share of a later effect may therefore be small"
@@ -328,9 +350,10 @@ def _left(d: Diagnosis) -> list[str]:
     return ["", f"  {left}"] if left else []
 
 
-def _corrections(d: Diagnosis) -> list[str]:
+def _corrections(d: Diagnosis, files: Files | None) -> list[str]:
     """What the improved model holds without a name."""
-    return ["", f"  {corrections(d.corrections)}"] if d.corrections else []
+    said = [corrections(d.corrections), *laws(d.corrections, files)] if d.corrections else []
+    return ["", *map(_line, said)] if said else []
 
 
 def _of_arm(d: Diagnosis, sentence: str) -> str:
@@ -547,7 +570,7 @@ def answer(args: argparse.Namespace) -> dict[str, Any]:
     result = engine.diagnose(runs, model, held)
     rungs = verbs.ladder(result)
     if result.ladder:
-        _motions_with(result, args)
+        _as_typed(result, args)
     files = Files(
         tuple(args.typed), tuple(args.holdout), args.model or "", args.arm or "",
         common.bag_words(args),
@@ -562,7 +585,7 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
     """Report, then JSON or text, of a diagnosis with both errors of every rung."""
     rungs = verbs.ladder(result)
     if result.ladder:
-        _motions_with(result, args)
+        _as_typed(result, args)
     worse = rising(rungs)
     common.deliver(
         args,
@@ -572,9 +595,11 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
     )
 
 
-def _motions_with(d: Diagnosis, args: argparse.Namespace) -> None:
-    """Let the motions that are proposed be of the recording and the model that were analysed."""
-    files = replace(_files(args), sessions=(str(find(args.sessions)[0]),))
+def _as_typed(d: Diagnosis, args: argparse.Namespace) -> None:
+    """Let the commands that are proposed be of the recordings and the model that were analysed."""
+    files = _files(args)
+    d.warnings = [(code, with_files(said, files)) for code, said in d.warnings]
+    files = replace(files, sessions=(str(find(args.sessions)[0]),))  # a motion is of one of them
     d.unseen = [replace(u, command=with_files(u.command, files)) for u in d.unseen]
     d.sets = [replace(s, command=with_files(s.command, files)) for s in sets_of(d)]
 
@@ -582,9 +607,9 @@ def _motions_with(d: Diagnosis, args: argparse.Namespace) -> None:
 def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> str:
     """The answer for a terminal: one screen, or everything."""
     if not args.verbose:
-        written = getattr(args, "output", None)
-        return short(result, rungs, None if written else _files(args))
-    return "\n".join([text(result, rungs, True), *(f"  warning: {w}" for w in rising(rungs))])
+        return short(result, rungs, _files(args), bool(getattr(args, "output", None)))
+    whole = text(result, rungs, True, _files(args))
+    return "\n".join([whole, *(f"  warning: {w}" for w in rising(rungs))])
 
 
 def _files(args: argparse.Namespace) -> Files:

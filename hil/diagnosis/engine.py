@@ -57,6 +57,7 @@ from hil.diagnosis.types import (
     UnnamedCorrection,
     describe,
     joint_of,
+    to_try,
 )
 from hil.diagnosis.verdict import (
     NO_GEOMETRY,
@@ -517,6 +518,8 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
     problem, errors = search.problem, search.now.errors
     told = {(f.effect, f.joint) for f in (*out.findings, *out.partial)}
     effort, found = problem.rms(problem.effort), []
+    # tables are of the held-out runs then
+    of = " on left-out blocks of the fitted runs" if search.examine.kind == "holdout" else ""
     for j in np.flatnonzero(~problem.holds).tolist():
         left = float(errors.power[j])
         if not last.floor.exceeded(np.sqrt(errors.power), j):
@@ -536,8 +539,8 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             after, name, stop = min(near, key=lambda x: x[:2])
             was, now = (100 * max(x, 0.0) ** 0.5 / effort[j] for x in (left, after))
             text = (
-                f"{problem.joints[j]}: {name} would lower the error from {was:.3g} to {now:.3g} % "
-                f"of the effort, but is not named: {stop.reason}. "
+                f"{problem.joints[j]}: {name} would lower the error{of} from {was:.3g} to "
+                f"{now:.3g} % of the effort, but is not named: {stop.reason}. "
                 + _what_then(stop, name, problem.joints[j])
             )
             found.append((REFUSED, text))
@@ -548,7 +551,7 @@ def _what_then(stop: CheckResult, name: str, joint: str) -> str:
     """What to do with a law that would help and is not named."""
     if stop.code == "physical":
         return "What is missing acts much like it"
-    return f"To try it: hil add {name} S.mcap --joint {joint}"
+    return to_try(name, joint)
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:

@@ -535,17 +535,25 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
     told = {k for k, text in found if text}
     above = step.heldout.rms > ADEQUATE * out.noise
     over = np.maximum(pair.fitted.rms / above_zero(out.floor), pair.alone.rms / out.noise)
-    found += [(j, _values(pair, j, float(over[j]))) for j in moves if above[j] and j not in told]
+    mixed = {c.joint for c in out.last.changes if not c.at}
+    found += [
+        (j, _values(pair, j, float(over[j]), pair.joints[j] in mixed))
+        for j in moves
+        if above[j] and j not in told
+    ]
     texts = [text for _, text in sorted(found) if text]
+    if mixed:  # that the fitted sessions differ says what to do first
+        return [(DIFFER, text) for text in texts]
     what = ADVICE if any(SAID in t for t in texts) else BOTH
     return [(DIFFER, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]
 
 
-def _values(pair: _Pair, j: int, over: float) -> str:
+def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:
     """The sentence where parameters of the fit do not serve the held-out runs; else empty.
 
     Where the model is above the floor of a session by itself, `over` times, each session gives its
     parameters what else it lacks there: the rig is another one only if a single value says so.
+    Fitted sessions that are `mixed`, of several states of the rig, say nothing of the held-out one.
     """
     rms, own = float(pair.heldout.rms[j]), float(pair.alone.rms[j])
     single = replace(pair.heldout, residual=pair.alone.residual)
@@ -556,6 +564,8 @@ def _values(pair: _Pair, j: int, over: float) -> str:
         f"with the parameters fitted to {pair.ours} the error on {pair.theirs} is {times:.1f} "
         f"times the error of the same model fitted to {pair.theirs} alone"
     )
+    if mixed:
+        return f"{joint}: {text}. The fitted sessions themselves differ there"
     if foretold(pair.fitted, pair.alone, j) < CERTAIN:
         return (
             f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "

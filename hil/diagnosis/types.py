@@ -5,6 +5,7 @@ Types alone: everything else of the diagnosis lies above.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -512,6 +513,12 @@ class UnnamedCorrection:
     relative_after: float
     se: float
     alike: tuple[str, ...] = ()
+
+
+def to_try(effect: str, joint: str) -> str:
+    """How to try an effect that has no name: a sentence, and a command for stand-in files."""
+    typed = f"hil add {effect} S.mcap --joint {shlex.quote(joint)} --model M.toml"
+    return f"To try it with the given model:\n{typed}"
 
 
 @dataclass(frozen=True)

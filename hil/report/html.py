@@ -102,7 +102,7 @@ def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
 
 def top(m: Material, files: Files | None = None) -> str:
     """Headline, what it rests on, what to do next."""
-    box = verdict_box(text.headline(m), text.details(m), text.tone(m))
+    box = verdict_box(text.headline(m), text.details(m, files), text.tone(m))
     lines_to_type = command(m, files)
     pre = f"<pre>{escape(lines_to_type)}</pre>" if lines_to_type else ""
     after = f'<div class="next"><b>What to do next</b>{items(text.next_steps(m))}{pre}</div>'

@@ -18,7 +18,14 @@ from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
-from hil.diagnosis.types import EITHER, NO_MOTION, Finding, Indistinguishable, UnnamedCorrection
+from hil.diagnosis.types import (
+    EITHER,
+    NO_MOTION,
+    Finding,
+    Indistinguishable,
+    UnnamedCorrection,
+    to_try,
+)
 from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
 from hil.identify.timing import RECORDED_LATE
@@ -153,20 +160,28 @@ def corrections(which: Sequence[UnnamedCorrection]) -> str:
         out.append(
             "They predict motions like the recorded ones; they do not say what the cause is."
         )
-    return " ".join([*out, *laws(which)])
+    return " ".join(out)
 
 
-def laws(which: Sequence[UnnamedCorrection]) -> list[str]:
-    """Sentences on the laws that would do as much as the corrections of a joint."""
+def laws(which: Sequence[UnnamedCorrection], files: Files | None = None) -> list[str]:
+    """Sentences on the laws that would do as much as the corrections of a joint, with commands.
+
+    Parameters
+    ----------
+    which : sequence of Correction
+        In the order in which they were added.
+    files : Files, optional
+        What was analysed, for the commands.
+    """
     out = []
     for c in {c.joint: c for c in which if c.alike}.values():
         first, *rest = c.alike
         more = f" (as would {listed(rest)})" if rest else ""
-        out.append(
+        text = (
             f"On {c.joint}, {first} would explain as much as the correction{more}. It is too small "
-            "beside the named effects to be named itself. To try it with the given model: "
-            f"hil add {first} S.mcap --joint {c.joint} --model GIVEN.toml."
+            f"beside the named effects to be named itself. {to_try(first, c.joint)}"
         )
+        out.append(with_files(text, files) if files else text)
     return out
 
 
@@ -232,8 +247,8 @@ def _said(m: Material, which: str) -> list[str]:
 
 
 def ended(text: str) -> str:
-    """A sentence with the stop that it lacks."""
-    return text if text.endswith(("?", ".", "!")) else f"{text}."
+    """A sentence with the stop that it lacks; behind a command on a line of its own is none."""
+    return text if "\n" in text or text.endswith(("?", ".", "!")) else f"{text}."
 
 
 def tone(m: Material) -> str:
@@ -334,8 +349,16 @@ def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
     return f"{model} explains the data down to the noise floor."
 
 
-def details(m: Material) -> list[str]:
-    """Sentences below the headline: effect, confidence, error before and after, floor."""
+def details(m: Material, files: Files | None = None) -> list[str]:
+    """Sentences below the headline: effect, confidence, error before and after, floor.
+
+    Parameters
+    ----------
+    m : Material
+        What is reported.
+    files : Files, optional
+        What was analysed, for the commands.
+    """
     out = (
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
@@ -358,6 +381,7 @@ def details(m: Material) -> list[str]:
         out.append(left)
     out += _said(m, REFUSED)
     out += [corrections(m.corrections)] if m.corrections else []
+    out += laws(m.corrections, files)
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
     if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):
@@ -535,14 +559,15 @@ def next_steps(m: Material) -> list[str]:
         return steps + [_doubted(f) for f in m.findings if f.confidence < CONFIDENT]
     if _undescribed(m):
         return [DESCRIBE, AGAIN]
+    if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in changed(m)):
+        return _of_changes(m)
     if m.verdict in ("adequate", "unexplained") and apart(m):
         what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
         return [f"{what}.", AGAIN]
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
         return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]
     if m.verdict == "unexplained" and changed(m):
-        told = " ".join(changed(m))
-        return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
+        return _of_changes(m)
     if m.verdict == "unexplained" and (
         _said(m, LOST) or any(NO_MASSES in text for text in _said(m, GRAVITY))
     ):
@@ -568,6 +593,12 @@ def next_steps(m: Material) -> list[str]:
     if any(code in OF_UNITS for code, _ in m.warnings):
         return [CHECK_FIRST, *(steps if m.verdict == "adequate" else [AGAIN])]
     return steps
+
+
+def _of_changes(m: Material) -> list[str]:
+    """What to do where a value changed within a run, or from one to the next."""
+    told = " ".join(changed(m))
+    return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
 
 
 def shown_by(effect: str) -> str:
@@ -621,17 +652,21 @@ class Files:
         return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
 
 
+#: What `to_try` writes: effect and joint, in front of a session and a model that stand in.
+_ADD = re.compile(r"(hil add \S+) S\.mcap (--joint (?:'[^']*'|\S+))(?: --model M\.toml)?")
+
+
 def with_files(said: str, files: Files) -> str:
-    """A command of `hil excite` with the recording and the model that were analysed, as typed.
+    """Commands of `hil excite` and `hil add` with what was analysed, as it was typed.
 
     The motion of a rig is planned within the limits of its file, which nobody has named.
 
     Parameters
     ----------
     said : str
-        The command; or empty.
+        The command, or a sentence with one; or empty.
     files : Files
-        What was analysed; the first of its sessions stands for the robot.
+        What was analysed; the first of its sessions stands for the robot of a motion.
     """
     arm = ["--arm", files.arm] if files.arm else []
     model = ["--model", files.model] if files.model else []
@@ -642,7 +677,9 @@ def with_files(said: str, files: Files) -> str:
         rig = found[0].endswith(" RIG.toml")
         return shlex.join([*(found[0].split() if rig else robot), *arm, *model])
 
-    return re.sub(r"hil excite (?:'[^']*'|\S+)", named, said)
+    said = re.sub(r"hil excite (?:'[^']*'|\S+)", named, said)
+    adds = shlex.join([*model, *files.options()])
+    return _ADD.sub(lambda found: f"{found[1]} {found[2]} {adds}", said)
 
 
 def command(m: Material, files: Files | None = None) -> str:

@@ -14,6 +14,8 @@ from hil.commands.diagnose import short
 from hil.diagnosis import rules
 from hil.diagnosis.verbs import ladder
 from hil.models.presliding import dahl_state
+from hil.report.data import from_diagnosis
+from hil.report.text import Files, details
 
 
 def said(run, *more, holdout=None):
@@ -251,8 +253,11 @@ def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     assert named(found) == ["cogging"]
     (one,) = found.corrections
     assert one.effect == "correction-position" and one.alike == ("spring", "unbalance")
-    words = short(found, ladder(found), None)
+    typed = Files(("a b.csv",), ("h.csv",), "", "", ("--joints", "1"))
+    words = short(found, ladder(found), typed)
     assert "On joint1, spring would explain as much as the correction (as would unbalance" in words
-    assert "hil add spring S.mcap --joint joint1 --model GIVEN.toml" in words
+    adds = "hil add spring --joint joint1 --session 'a b.csv' --holdout h.csv --joints 1"
+    assert adds in [line.strip() for line in words.splitlines()]
+    assert adds in " ".join(details(from_diagnosis(found, simulated=False), typed))
     after = hil.add([run], found.explained.result.model, "spring", holdout=[other])[1]
     assert after.step.heldout.rms[0] < 1.1 * found.ladder[-1].heldout.rms[0]

@@ -86,7 +86,7 @@ def test_a_direct_drive_that_loses_a_third_at_its_peak_saturates():
     assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
 
 
-def refusing(after, sureness, before=1.0):
+def refusing(after, sureness, before=1.0, kind="holdout"):
     """A search whose one joint is above its floor, and that refused a law."""
     evidence = {"before": before, "after": after, "standard_errors": sureness}
     stop = SimpleNamespace(code="discrepancy", reason="it may be another's", evidence=evidence)
@@ -95,7 +95,10 @@ def refusing(after, sureness, before=1.0):
     )
     errors = SimpleNamespace(power=np.array([1.0]))
     return SimpleNamespace(
-        problem=problem, now=SimpleNamespace(errors=errors), stops={("load-friction", 0): stop}
+        problem=problem,
+        now=SimpleNamespace(errors=errors),
+        stops={("load-friction", 0): stop},
+        examine=SimpleNamespace(kind=kind),
     )
 
 
@@ -120,3 +123,7 @@ def test_the_law_that_would_do_most_is_told_with_the_test_that_it_failed(
         ((code, text),) = told
         assert code == REFUSED
         assert "load-friction" in text and "100 to 20 %" in text and "it may be another's" in text
+        assert "the error on left-out blocks of the fitted runs from" in text
+        assert text.splitlines()[-1] == "hil add load-friction S.mcap --joint j1 --model M.toml"
+        ((_, text),) = nearest_refused(refusing(after, sureness, before, "folds"), out, last)
+        assert "lower the error from" in text

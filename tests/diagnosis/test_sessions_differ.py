@@ -11,11 +11,13 @@ from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis import equivalence
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.heldout import DIFFER
+from hil.diagnosis.heldout import BOTH, DIFFER
+from hil.diagnosis.residual_tests import FIT_APART
 from hil.diagnosis.verbs import compare, ladder
 from hil.models.model import base_model
-from hil.report.data import diagnosis_json
+from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.html import diagnosis_report
+from hil.report.text import AGAIN, next_steps
 
 
 @cache
@@ -99,6 +101,17 @@ def test_what_a_model_lacks_in_both_sessions_is_no_other_rig():
     (told,) = (f.text for f in c.faults if f.code == DIFFER and f.text.startswith("joint2"))
     assert "The model is incomplete" in told and "for that reason" in told
     assert "the sessions differ" not in told and "one state of the rig" not in told
+
+
+def test_fitted_sessions_of_two_states_get_one_piece_of_advice():
+    """A brake that drags in one of two fitted sessions; the held-out one is like the other."""
+    runs = [
+        plants.two_axes(law, k, f"run{k}") for k, law in enumerate(("", "coulomb", ""), start=1)
+    ]
+    d = diagnose(runs[:2], base_model(runs[0].robot), runs[2:])
+    (sentence,) = said(d)
+    assert "The fitted sessions themselves differ there" in sentence and BOTH not in sentence
+    assert next_steps(from_diagnosis(d, simulated=False)) == [f"{FIT_APART}.", AGAIN]
 
 
 def test_compare_and_the_report_say_it_too(tmp_path):

@@ -10,11 +10,11 @@ from test_report import model
 from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import _contribution, _forms, _telling, short, text
+from hil.commands.diagnose import ERRORS, _contribution, _forms, _telling, short, text
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
-from hil.diagnosis.types import EITHER, Finding, Indistinguishable, UnnamedCorrection
+from hil.diagnosis.types import EITHER, Finding, Indistinguishable, UnnamedCorrection, to_try
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.identify import bands
@@ -266,6 +266,13 @@ def test_the_contribution_is_what_the_error_falls_by(late):
     assert f"{size} N m rms in total; no value is determined" in short(d, ladder(late), None)
 
 
+def test_a_first_error_that_is_not_the_given_model_s_is_told(late):
+    """Where an effect was added beside others, two tables begin with different errors."""
+    assert ERRORS not in short(late, ladder(late), None)
+    found = replace(late.findings[0], relative_before=1.01 * late.findings[0].relative_before)
+    assert ERRORS in short(replace(late, findings=[found]), ladder(late), None)
+
+
 def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
     own = plain.warnings
     told = "joint1: q1 runs from 1.36 to 48.4 rad; is it in degrees? Scale it in a map"
@@ -351,6 +358,9 @@ def test_motions_that_are_proposed_are_of_what_was_typed():
         "hil excite RIG.toml --model m.toml --for x"  # whose limits the rig file knows
     )
     assert with_files("", files) == ""
+    typed = "hil add spring --joint 'j 1' --model 'my arm.toml' --arm left"
+    said = with_files(to_try("spring", "j 1"), files).splitlines()
+    assert said[-1] == f"{typed} --session 'Versuch 1.csv' --robot arm.urdf"
 
 
 def test_an_arrow_and_its_numbers_stay_on_one_line():
