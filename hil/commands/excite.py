@@ -34,6 +34,7 @@ from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
 from hil.excite.choose import (
     LONGEST,
+    NO_MOTION,
     NOISE,
     SIZE,
     Choice,
@@ -689,14 +690,17 @@ def _wanted(args: argparse.Namespace, found: Choice) -> Option:
 
 
 def _inseparable(names: tuple[str, ...]) -> str:
-    """Why no motion answers, and what would."""
-    shown = [x for n in names for x in catalogue.get(n).doc.shown_by.split("; ")]
-    # of "chirp" and "chirp up to 40 Hz" the second one says all
-    apart = [x for x in dict.fromkeys(shown) if not any(y != x and y.startswith(x) for y in shown)]
-    return (
-        f"no motion of this robot separates {_versus(names)}: whatever it does, the one "
-        "imitates the other (structural); a different measurement is needed: " + "; ".join(apart)
+    """Why no motion answers, and what to do; one effect may need a load, a sensor or other limits.
+
+    What shows each of several effects does not tell them apart: nothing is said of it.
+    """
+    text = (
+        f"{NO_MOTION} separates {_versus(names)}: in all of the menu together, the one imitates "
+        "the other"
     )
+    if len(names) > 1:
+        return f"{text}. Within these limits, use either for predictions"
+    return f"{text}. Beyond these limits: {catalogue.get(names[0]).doc.shown_by}"
 
 
 def _versus(names: tuple[str, ...]) -> str:

@@ -42,7 +42,6 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.types import (
     EITHER,
     EXCITATION,
-    NO_MOTION,
     STRUCTURAL,
     Candidate,
     Diagnosis,
@@ -52,7 +51,7 @@ from hil.diagnosis.types import (
 )
 from hil.errors import ConfigError
 from hil.excite import choose
-from hil.excite.choose import Choice, Foreseen, Survey, decide, measured, survey
+from hil.excite.choose import NO_MOTION, Choice, Foreseen, Survey, decide, measured, survey
 from hil.excite.question import (
     Question,
     Rival,
@@ -364,10 +363,9 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
         why = f"{s.why}; no motion was planned: each would take too long" if unplanned else s.why
         return Indistinguishable(s.effects, why, shown or s.effects[0], reason)
     if choice.structural:
+        beyond = f"; beyond these limits: {shown}" if len(s.among) == 1 else ""
         why = f"{s.why}; {_structural(s, choice)}"
-        if len(s.among) > 1:
-            return Indistinguishable(s.effects, why, NO_MOTION)
-        return Indistinguishable(s.effects, why, f"{NO_MOTION}; {shown}")
+        return Indistinguishable(s.effects, why, NO_MOTION + beyond)
     if s.aside and choice.now is not None and choice.now.decided:
         return None
     return _by_motion(s, choice, planner)
@@ -379,9 +377,9 @@ def _structural(s: _Set, choice: Choice) -> str:
     why = f"in all motions of the menu together, the other still explains {left:.1f} % of it"
     if f"{left:.1f}" == "100.0":
         who = "the model's own parameters explain" if len(s.among) == 1 else "the other explains"
-        why = f"in every motion of this robot, {who} all of it as well"
+        why = f"in all motions of the menu together, {who} all of it as well"
     unfelt = f"; its joints never feel {' or '.join(choice.unfelt)}" if choice.unfelt else ""
-    return f"structural: {why}{unfelt}"
+    return f"{why}{unfelt}"
 
 
 def _group(s: _Set, sets: list[_Set]) -> tuple[Candidate, ...]:

@@ -399,8 +399,6 @@ class Unseen:
 STRUCTURAL, EXCITATION = "structural", "excitation"
 
 
-#: What separates rivals where the robot's own motion cannot.
-NO_MOTION = "no motion of this robot alone"
 #: What is said where the size of an effect is too small for any motion to separate rivals.
 EITHER = "nothing at this size (use either; they predict the same)"
 

@@ -47,6 +47,8 @@ FloatArray = NDArray[np.float64]
 RISE, SHORTEST = 0.2, 0.04
 #: Shortest move, and shortest move between two sets of strokes [s].
 QUICKEST, UNHURRIED = 0.05, 0.5
+#: What separates effects that no motion of the menu does, nor all together.
+NO_MOTION = "no motion within the limits of this robot"
 
 
 class Path:

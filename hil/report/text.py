@@ -20,7 +20,6 @@ from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
 from hil.diagnosis.types import (
     EITHER,
-    NO_MOTION,
     Finding,
     Indistinguishable,
     UnnamedCorrection,
@@ -28,6 +27,7 @@ from hil.diagnosis.types import (
 )
 from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
 from hil.errors import ConfigError
+from hil.excite.choose import NO_MOTION
 from hil.identify.timing import RECORDED_LATE
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -524,8 +524,7 @@ def _separating(s: Indistinguishable) -> str:
         )
     if not s.experiment.startswith(NO_MOTION):
         return f"{names}: record {s.experiment}." + (f"\n{s.command}" if s.command else "")
-    other = s.experiment.removeprefix(NO_MOTION).removeprefix("; ")
-    return f"{names}: {NO_MOTION} tells them apart{f'; what does: {other}' if other else ''}."
+    return f"{names}: {NO_MOTION} tells them apart{s.experiment.removeprefix(NO_MOTION)}."
 
 
 def _separable(s: Indistinguishable) -> bool:

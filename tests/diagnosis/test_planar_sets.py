@@ -17,7 +17,7 @@ def test_what_the_joints_never_feel_is_named_without_a_number_that_is_none():
     (tip,) = (s for s in found if s.effects[0] == "tip-impedance")
     assert tip.reason == "structural" and "nan" not in tip.why
     assert (
-        "in every motion of this robot, the model's own parameters explain all of it as well"
+        "in all motions of the menu together, the model's own parameters explain all of it as well"
         in tip.why
     )
     assert "fy" in tip.why.split("its joints never feel")[1]
@@ -28,4 +28,4 @@ def test_no_motion_is_sold_for_two_that_the_model_does_both(tmp_path, capsys):
     arm.write_text(plants.PLANAR)
     words = ["--for", "base-tilt,tip-impedance", "--seconds", "10", "-o", str(tmp_path / "n.toml")]
     assert main(["excite", str(arm), *words]) == 2
-    assert "no motion of this robot separates" in capsys.readouterr().err
+    assert "no motion within the limits of this robot separates" in capsys.readouterr().err

@@ -50,8 +50,11 @@ def test_one_line_of_the_rig_file_plays_a_trajectory(tmp_path, capsys):
     ("words", "says"),
     [
         (["--for", "stribek"], "Did you mean 'stribeck'"),
-        (["--for", "payload"], "structural"),
-        (["--for", "torque-offset,asymmetric-coulomb", "--joint", "joint2"], "structural"),
+        (["--for", "payload"], "one recording with and one without the mass"),
+        (
+            ["--for", "torque-offset,asymmetric-coulomb", "--joint", "joint2"],
+            "no motion within the limits of this robot",
+        ),
         (["--for", "torque-gain"], "hand force"),
         (["--for", "contact-damping"], "contact only"),
         (["--for", "coulomb"], "already in the model"),
@@ -215,8 +218,12 @@ def test_an_identifying_motion_has_a_small_condition_number(tmp_path, capsys):
     assert data["condition"] < data["condition_with_offset"]
 
 
-def test_what_would_separate_effects_is_said_once():
+def test_where_no_motion_separates_effects_none_is_asked_for():
     from hil.commands.excite import _inseparable
 
-    said = _inseparable(("delay", "actuator-lag"))
-    assert said.count("chirp") == said.count("fast motion") == 1
+    said = _inseparable(("torque-offset", "asymmetric-coulomb"))
+    assert said.startswith("no motion within the limits of this robot separates torque-offset ")
+    assert said.endswith("use either for predictions") and "motion with rests" not in said
+    assert _inseparable(("payload",)).endswith(
+        "Beyond these limits: one recording with and one without the mass"
+    )

@@ -71,6 +71,6 @@ def test_payload_and_torque_gain_are_said_and_not_guessed(tmp_path):
     assert not {f.effect for f in (*d.findings, *d.partial)} & {"payload", "torque-gain"}
     sets = {s.effects[0]: s for s in sets_of(d)}
     assert sets["payload"].reason == sets["torque-gain"].reason == "structural"
-    assert "with and one without the mass" in sets["payload"].experiment
+    assert "limits: one recording with and one without the mass" in sets["payload"].experiment
     assert "hand force" in sets["torque-gain"].experiment
     assert not sets["payload"].command and not sets["torque-gain"].command
