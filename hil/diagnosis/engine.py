@@ -44,6 +44,7 @@ from hil.diagnosis.preconditions import (
     without_effort,
 )
 from hil.diagnosis.remodel import Visited
+from hil.diagnosis.residual_tests import TOUCHED, Touch, touches
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import (
     NOTHING,
@@ -179,7 +180,29 @@ def _diagnosed(
     if search.retimed():
         search.forward()
         named = _named(search)
-    return floored(_concluded(search, named, model, recordings, faults, doubtful))
+    out = floored(_concluded(search, named, model, recordings, faults, doubtful))
+    if told := _touched(out, recordings):
+        progress.at("something pushed for a moment: seek again without these times", 0.1)
+        out = _diagnosed(_without(recordings, told), model, held, seed, faults)
+        out.warnings = [(TOUCHED, t.text) for t in told] + out.warnings
+    return out
+
+
+def _touched(out: Diagnosis, recordings: list[Recording]) -> list[Touch]:
+    """What acted for moments beside the last names; nothing where such times are left out.
+
+    Nor on joints of which a value changed for good.
+    """
+    if any(r.left_out for r in recordings):
+        return []
+    changed = {c.joint for c in out.last.changes}
+    return [t for t in touches(out.explained.result) if t.joint not in changed]
+
+
+def _without(recordings: list[Recording], told: list[Touch]) -> list[Recording]:
+    """The runs, of which what acted for moments enters no equation."""
+    spans = [[x for t in told if t.run == k for x in t.spans] for k in range(len(recordings))]
+    return [r.leaving_out(own) for r, own in zip(recordings, spans, strict=True)]
 
 
 def _named(search: Search) -> list[Named]:

@@ -28,20 +28,25 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, binary_propagation
+from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
 from hil.diagnosis.artefacts import Blur, blur, coarse
 from hil.diagnosis.constants import (
     ADEQUATE,
+    BEATEN,
     BURSTS,
     BURSTS_ALONE,
     CERTAIN,
+    FEWEST,
     FLOOR_SHARE,
     HALF,
     LEVEL,
     LITTLE,
     NEAR_FLOOR,
+    OPEN,
+    PERIODS,
     SURE,
     SWINGS,
     TENTH,
@@ -374,6 +379,132 @@ def _elsewhere(
 def unlike_notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
     """Code and sentence of each."""
     return [(UNLIKE, u.text) for u in found]
+
+
+TOUCHED = "touched"
+
+
+# ------------------------------------------------------------ what acts for a moment
+
+
+@dataclass(frozen=True)
+class Touch:
+    """What acted on one joint for some moments of a run.
+
+    Parameters
+    ----------
+    joint, name, unit : str
+        Joint, run, and unit of its effort.
+    run : int
+        Number of the run.
+    spans : list of (float, float)
+        First and last times [s], as the run counts them.
+    began : float
+        When the run began [s], by the same clock.
+    size : float
+        Largest effort that the model does not explain.
+    """
+
+    joint: str
+    name: str
+    unit: str
+    run: int
+    spans: list[tuple[float, float]]
+    began: float
+    size: float
+
+    @property
+    def text(self) -> str:
+        """One sentence without its full stop, and what was done."""
+        when = [f"{a - self.began:.1f} to {b - self.began:.1f} s" for a, b in self.spans]
+        size = f"{self.size:.2g} {self.unit}"
+        return (
+            f"{self.joint}: an effort of up to {size} that the motion does not explain acts at "
+            f"{', '.join(when)} of {self.name}, and at no other time. Did a hand or a thing push "
+            "there? These times are left out of the fit, of the errors and of the noise floor"
+        )
+
+
+def touches(result: FitResult) -> list[Touch]:
+    """Moments in which something other than the motion acts, run by run and joint by joint.
+
+    A push lasts for a moment, is slow, and comes where the joint has been in the same motion
+    without it: blocks of time whose residual is beyond what all others have, few in number, and
+    with instants elsewhere of the same position, speed and foretold effort.  With the powers p of
+    the blocks,
+
+        z = (log p - median) / s,   s = 1.4826 median |log p - median|,
+
+    a touch is a block of z > `CERTAIN` with its neighbours of z > `SURE`.
+    """
+    problem, out = result.problem, list[Touch]()
+    measured = any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings)
+    if result.model.explains != "motor" or measured:
+        return []
+    # of time, also where a motion comes again
+    at = (problem.t * problem.rates.effort / PERIODS).astype(int)
+    blocks = at + problem.run * (int(at.max()) + 2)
+    for j in np.flatnonzero(~problem.holds).tolist():
+        struck = _struck(problem, j, result.residual[j], blocks)
+        slow = _slow_share(problem, np.where(struck, result.residual[j], 0.0)[:, None])
+        if slow > HALF and _elsewhere_alike(result, j, struck):
+            out += _touches_of(result, j, struck)
+    return out
+
+
+def _struck(problem: Problem, j: int, r: FloatArray, blocks: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Instants (n,) of a residual r (n,) of blocks beyond all others, with a block at each side.
+
+    None where these are many, or less than a tenth of the error.
+    """
+    live, none = problem.live[j], np.zeros(problem.n, dtype=bool)
+    count = np.bincount(blocks, live, minlength=int(blocks.max()) + 1)
+    power = np.bincount(blocks, np.where(live, r**2, 0.0)) / np.maximum(count, 1.0)
+    full = count > HALF * float(count.max())
+    if int(full.sum()) < FEWEST:
+        return none
+    level = np.log(np.maximum(power, 1e-300))
+    middle = float(np.median(level[full]))
+    z = (level - middle) / max(1.4826 * float(np.median(np.abs(level[full] - middle))), 1e-300)
+    z = np.where(full, z, 0.0)
+    beyond = binary_propagation(z > CERTAIN, mask=z > SURE)
+    rest = float(np.mean(power[full & ~beyond]))
+    most = BEATEN * float(full.sum())
+    if float(np.sum(beyond)) > most or float(np.mean(power[full])) < ADEQUATE**2 * rest:
+        return none
+    return np.asarray(binary_dilation(beyond)[blocks])
+
+
+def _elsewhere_alike(result: FitResult, j: int, struck: NDArray[np.bool_]) -> bool:
+    """Whether joint j was in the same motion as at most of some instants (n,) at others, too.
+
+    By the power of what is left at those instants.
+    """
+    problem = result.problem
+    x = np.stack([problem.q[j], problem.qd[j], problem.y[j] - result.residual[j]], axis=1)
+    x = x / np.maximum(x.std(axis=0), 1e-300)
+    quiet = problem.live[j] & ~struck
+    at = struck & problem.live[j]
+    near, power = cKDTree(x[quiet]).query(x[at])[0] < OPEN, result.residual[j, at] ** 2
+    return float(power[near].sum()) > HALF * float(power.sum())
+
+
+def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_]) -> list[Touch]:
+    """What acts on joint j at some instants (n,), run by run."""
+    problem, out = result.problem, list[Touch]()
+    unit = in_units("{F}", problem, j)
+    for k in np.unique(problem.run[struck]).tolist():
+        own = np.flatnonzero(problem.run == k)
+        at = np.flatnonzero(struck[own])
+        ends = np.flatnonzero(np.diff(at) > 1)
+        first, last = at[np.r_[0, ends + 1]], at[np.r_[ends, at.size - 1]]
+        part = problem.recordings[k]
+        t, began = problem.t[own] + float(part.t[0]), float(part.t[0]) - problem.motions[k].began
+        spans = [(float(t[a]), float(t[b])) for a, b in zip(first, last, strict=True)]
+        size = float(np.max(np.abs(result.residual[j, own[at]])))
+        run = int(problem.whole[k])
+        out.append(Touch(problem.joints[j], part.name, unit, run, spans, began, size))
+    return out
 
 
 PUSHED = "pushed"

@@ -95,7 +95,8 @@ def notes(result: FitResult, last: Evidence) -> list[tuple[str, str]]:
         (f"impossible-{name}", f"{name} cannot be tested: {why}") for name, why in last.impossible
     ]
     out += _held(result)
-    still = 1.0 - result.problem.count / result.problem.n
+    counted = result.problem.n - int(np.sum(result.problem.left_out))
+    still = 1.0 - result.problem.count / max(counted, 1)
     for j in np.flatnonzero(still > WORTH):
         out.append(
             (

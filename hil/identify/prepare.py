@@ -384,7 +384,10 @@ def _rows(n: int) -> str:
 
 
 def bridged(part: Even, cutoff: float) -> NDArray[np.bool_]:
-    """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off [Hz]."""
+    """Samples (n,) of a part that a bridge spoils behind a position filter of this cut-off [Hz].
+
+    And those that are to be left out.
+    """
     r = part.recording
     out = np.zeros(r.n, dtype=np.bool_)
     reach = int(np.ceil(FILTER_REACH / cutoff / r.period))
@@ -397,6 +400,8 @@ def bridged(part: Even, cutoff: float) -> NDArray[np.bool_]:
             exact[rows] = rows <= FILLED and _as_measured(r, rows)
         if not exact[rows]:
             out[max(first - reach, 0) : last + reach] = True
+    for begin, end in r.left_out:
+        out |= (begin <= r.t) & (r.t <= end)
     return out
 
 

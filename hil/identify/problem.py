@@ -330,6 +330,16 @@ class Rows:
         return np.asarray(np.sum(self.live, axis=1), dtype=np.float64)
 
     @property
+    def left_out(self) -> NDArray[np.bool_]:
+        """Instants (n,) at which runs are left out, whatever moves."""
+        out = np.zeros(self.n, dtype=bool)
+        for k, r in enumerate(self.recordings):
+            for begin, end in r.left_out:
+                t = r.t[0] + self.t
+                out |= (self.run == k) & (begin <= t) & (t <= end)
+        return out
+
+    @property
     def holds(self) -> NDArray[np.bool_]:
         """Joints (d,) of which nothing is to be learnt.
 

@@ -124,6 +124,8 @@ UNIT_SAID = "unit_said"
 #: Metadata: what was said of positions that wrap and were unwrapped, and the numbers of the joints
 #: whose positions were to be left as they are.
 UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"
+#: Metadata: times of the run that enter no equation, as first and last ones [s].
+LEFT_OUT = "left_out_s"
 #: Start of the metadata that hold the [signal] of a map.
 SIGNAL = "signal_"
 #: Metadata record of a session: the tags that it was given.
@@ -257,6 +259,17 @@ class Recording(Shown):
         stated = {*self.metadata.get(STATED, "").split(), *(str(k + 1) for k in columns)}
         more = {UNWRAPPED: "; ".join(said), STATED: " ".join(sorted(stated, key=int))}
         return replace(self, q=q, metadata={**self.metadata, **more})
+
+    @property
+    def left_out(self) -> list[tuple[float, float]]:
+        """First and last times [s] of what enters no equation."""
+        x = [float(t) for t in self.metadata.get(LEFT_OUT, "").split()]
+        return list(zip(x[::2], x[1::2], strict=True))
+
+    def leaving_out(self, spans: Sequence[tuple[float, float]]) -> Recording:
+        """The recording, of which some times enter no equation."""
+        told = " ".join(f"{t!r}" for span in [*self.left_out, *spans] for t in span)
+        return replace(self, metadata={**self.metadata, LEFT_OUT: told}) if told else self
 
     def columns(self) -> dict[str, FloatArray]:
         """The samples as columns (n,) by the names that an import knows.

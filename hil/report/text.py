@@ -17,7 +17,16 @@ from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
-from hil.diagnosis.residual_tests import BENT, CHANGED, CUT_THERE, FIT_APART, PUSHED, STARTS, UNLIKE
+from hil.diagnosis.residual_tests import (
+    BENT,
+    CHANGED,
+    CUT_THERE,
+    FIT_APART,
+    PUSHED,
+    STARTS,
+    TOUCHED,
+    UNLIKE,
+)
 from hil.diagnosis.types import (
     EITHER,
     Finding,
@@ -78,6 +87,7 @@ LEADING = (
     ROUNDED,
     CHANGED,
     BENT,
+    TOUCHED,
     PUSHED,
     HIGH_FLOOR,
     REFUSED,
@@ -363,6 +373,7 @@ def details(m: Material, files: Files | None = None) -> list[str]:
         (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
         + _said(m, RECORDED_LATE)
+        + _said(m, TOUCHED)
         + _said(m, PUSHED)
         + _said(m, HIGH_FLOOR)
         + _said(m, LOST)

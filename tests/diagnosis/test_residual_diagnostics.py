@@ -1,5 +1,6 @@
 """What is left at the floor and is no noise: said with what it is like, when and how fast."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,9 +11,9 @@ from scipy.signal import lfilter
 
 import hil
 from hil.commands.compare import text as compared
-from hil.commands.diagnose import text
+from hil.commands.diagnose import short, text
 from hil.diagnosis.constants import BURSTS, CERTAIN, SURE, SWINGS
-from hil.diagnosis.residual_tests import STARTS, UNLIKE, _slowly, kurtosis
+from hil.diagnosis.residual_tests import STARTS, TOUCHED, UNLIKE, _slowly, kurtosis, touches
 from hil.diagnosis.verbs import ladder
 from hil.report.html import diagnosis_report
 
@@ -112,3 +113,31 @@ def test_bursts_where_the_joint_starts_and_turns_are_friction_at_low_speed(slow,
     left = 0.1 * rng.standard_normal(v.size) + 2.0 * burst * np.sign(v)
     problem = SimpleNamespace(live=np.ones((1, v.size), dtype=bool), qd=v[None])
     assert (STARTS in _slowly(problem, 0, left)) is said
+
+
+def hand(t):
+    """Two pushes of about a second [N m]."""
+    return 0.5 * np.exp(-(((t - 6.0) / 0.4) ** 2)) - 0.4 * np.exp(-(((t - 14.0) / 0.3) ** 2))
+
+
+def test_pushes_of_a_moment_are_told_with_their_times_and_left_out():
+    """A hand pushes an axis twice: the fit, the errors and the floor are those without it."""
+    run = replace(plants.axis(1, push=hand), tau_ext=None)  # nobody measures it
+    d, quiet = (hil.diagnose([r], hil.base_model(r.robot)) for r in (run, plants.axis(1)))
+    (said,) = [w for code, w in d.warnings if code == TOUCHED]
+    (a, b), (c, e) = np.array(re.findall(r"([0-9.]+) to ([0-9.]+) s", said), dtype=float)
+    assert a < 6.0 < b < c < 14.0 < e and (b - a) + (e - c) < 6.0
+    assert d.verdict == quiet.verdict == "adequate"
+    assert d.noise == pytest.approx(quiet.noise, rel=0.1)
+    assert said in text(d, ladder(d)) and said in short(d, ladder(d), None)
+    assert not any(code == "standstill" for code, _ in d.warnings)
+    assert not any(code == TOUCHED for code, _ in quiet.warnings)
+
+
+def test_what_acts_where_a_joint_is_only_then_is_no_push():
+    """A stop that is met a few times: no other instant has such positions."""
+    run = plants.axis_with_stop(0.86, 1)
+    assert 0.0 < np.mean(run.q > 0.5) < 0.1
+    assert touches(hil.fit([run], hil.base_model(run.robot))) == []
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert not any(code == TOUCHED for code, _ in d.warnings)
