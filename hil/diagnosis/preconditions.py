@@ -17,6 +17,7 @@ from hil.diagnosis.constants import (
     DISAGREEMENT,
     HALF,
     LITTLE,
+    NEAR_FLOOR,
     OPEN,
     SHORTEST,
     SURE,
@@ -472,10 +473,18 @@ def _turned(result: FitResult) -> str:
     return ""
 
 
-def contradicted(result: FitResult) -> list[tuple[str, str]]:
+def contradicted(result: FitResult, over: FloatArray | None = None) -> list[tuple[str, str]]:
     """Warnings (code, sentence) where the data surely give another gravity than the description.
 
-    By more than a little of the joint's effort.
+    By more than a little of the joint's effort.  Where the model leaves more than noise on a joint,
+    what it lacks may act over the posture as gravity does: the description is not doubted there.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    over : ndarray (d,), optional
+        Error over the noise floor, where that is known.
     """
     if scaled := _scaled(result):
         return [(EFFORT_SCALE, scaled)]
@@ -488,14 +497,20 @@ def contradicted(result: FitResult) -> list[tuple[str, str]]:
         return [(GRAVITY, said)]
     out = []
     for w in off:
-        joint = result.problem.joints[w.joint]
+        joint, unit = result.problem.joints[w.joint], not TENTH < w.ratio < 1 / TENTH
+        left = 0.0 if over is None else float(over[w.joint])
         if _upwards(w):
             advice = (
                 f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
                 "stretches), or does gravity act in another direction than described?"
             )
+        elif left > NEAR_FLOOR and not unit:
+            advice = (
+                f"But the model leaves {left:.1f} times the noise floor on {joint}: what it lacks "
+                "may act over the posture as gravity does (a spring, a cable, a contact). This "
+                "value says nothing of the masses before that is explained"
+            )
         else:
-            unit = not TENTH < w.ratio < 1 / TENTH
             advice = (
                 ("Check the unit of its effort (or the ratio of a gear), " if unit else "Check ")
                 + f"the masses and centres of mass that {joint} carries, the zeros of the "

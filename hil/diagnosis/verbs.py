@@ -213,7 +213,8 @@ def compare(
     # a wrong column looks like wrong masses, too; it is asked of the first model of the runs alone
     asked = before is None and not all(t.fixed for t in result.terms)
     columns = mistaken(result, recordings) if asked else []
-    notes += columns or contradicted(result)
+    above = heldout.rms / above_zero(np.minimum(level, heldout.rms))
+    notes += columns or contradicted(result, above)
     notes += differences(alike, examine)
     notes += noticed(evidence, result)
     notes += examine.own(result)

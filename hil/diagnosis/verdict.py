@@ -244,7 +244,8 @@ def finish(
     out.warnings += absurd
     out.warnings += other_robot(model, recordings)
     # a description is not doubted by values that are no masses
-    out.warnings += [] if absurd else contradicted(out.explained.result)
+    last = out.explained
+    out.warnings += [] if absurd else contradicted(last.result, last.heldout.rms / out.noise)
     out.warnings += [("outside-range", text) for text in left]
     out.warnings += examine.own(result)
     out.warnings += differ

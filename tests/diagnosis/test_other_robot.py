@@ -60,6 +60,9 @@ def test_gravity_by_the_data_is_set_against_the_description() -> None:
     told = contradicted(fit([run], base_model(wrong)))
     assert {text.split(":")[0] for _, text in told} == {"gravity of upper", "gravity of fore"}
     assert all(code == GRAVITY and "Check the masses" in text for code, text in told)
+    left = contradicted(fit([run], base_model(wrong)), np.array([1.0, 1.1, 3.0]))
+    assert "Check the masses" in left[0][1] and "Check the masses" not in left[1][1]
+    assert "leaves 3.0 times the noise floor on fore: what it lacks may act over" in left[1][1]
     ratio = float(told[-1][1].split("give ")[1].split()[0])
     assert ratio == pytest.approx(1 / 1.4, abs=0.02)
     seen = compare([run], base_model(wrong), simulate=False)
