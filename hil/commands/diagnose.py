@@ -23,11 +23,11 @@ from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Rung, rising
-from hil.diagnosis.verdict import NO_GEOMETRY, only_there
+from hil.diagnosis.verdict import NO_GEOMETRY, lateness, only_there
 from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
-from hil.models.effect import VALUE_DEVIATIONS, Lines, Waves
+from hil.models.effect import VALUE_DEVIATIONS, Lines, Trait, Waves
 from hil.models.model import Value, in_words, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
@@ -263,7 +263,7 @@ def _wave(f: Finding) -> str:
 
 def _names_table(d: Diagnosis) -> str:
     """Effects that were found, a row each, with the value that tells their size."""
-    rows = []
+    rows, joints = [], d.result.problem.joints
     for f in d.findings:
         rows.append(
             [
@@ -271,7 +271,7 @@ def _names_table(d: Diagnosis) -> str:
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 percent(f.excess_explained),
-                "; ".join([_telling(f, _contribution(d, f)), *_forms(f, d.result.problem.joints)]),
+                "; ".join([_late(d, f) or _telling(f, _contribution(d, f)), *_forms(f, joints)]),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
@@ -279,6 +279,22 @@ def _names_table(d: Diagnosis) -> str:
     notes = [ERRORS] if any(_later(d, f) for f in d.findings) else []
     notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in d.findings) else []
     return "\n  ".join([table, *notes])
+
+
+def _late(d: Diagnosis, f: Finding) -> str:
+    """How late an effort acts, of an effect that surely makes it late; else empty.
+
+    Recorded efforts are values of an instant or averages over a sample: half a sample lies between
+    these where no reversal shows which.
+    """
+    if Trait.LATE not in catalogue.get(f.effect).traits:
+        return ""
+    problem = d.result.problem
+    apart = 0.0 if problem.of_instants else 0.5 / min(problem.sources)
+    v = lateness(f, apart)
+    if not v.stderr < abs(v.value):
+        return ""
+    return f"late by {1e3 * v.value:.3g} +- {1e3 * v.stderr:.2g} ms"
 
 
 def _later(d: Diagnosis, f: Finding) -> bool:

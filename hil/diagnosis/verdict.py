@@ -169,7 +169,7 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
         Joints that move.
     """
     traits = ((f, catalogue.get(f.effect).traits) for f in findings)
-    late = {f.joint: _lateness(f) for f, own in traits if Trait.LATE in own}
+    late = {f.joint: lateness(f).value for f, own in traits if Trait.LATE in own}
     if len(moving) < 2 or set(late) != set(moving):
         return []
     times = list(late.values())
@@ -184,11 +184,24 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
     return [(COMMON, text)]
 
 
-def _lateness(f: Finding) -> float:
-    """How late the whole effort acts [s]: the product of its coefficient and its shape values."""
+def lateness(f: Finding, apart: float = 0.0) -> Value:
+    """How late the whole effort acts [s]: the product of its coefficient and its shape values.
+
+    The share that is late and its time make up for each other: neither says it alone.
+
+    Parameters
+    ----------
+    f : Finding
+        An effect that makes the effort late.
+    apart : float
+        What the recorded efforts may be late by besides, as they were sampled [s].
+    """
     effect = catalogue.get(f.effect)
-    values = {name.rsplit(".", 1)[-1]: v.value for name, v in f.parameters.items()}
-    return math.prod(values.get(p.name, 1.0) for p in (*effect.params, *effect.shape))
+    values = {name.rsplit(".", 1)[-1]: v for name, v in f.parameters.items()}
+    own = [values[p.name] for p in (*effect.params, *effect.shape) if p.name in values]
+    size = math.prod(v.value for v in own)
+    parts = [v.stderr / v.value for v in own if v.stderr == v.stderr and v.value]
+    return Value(size, math.hypot(apart, *(size * x for x in parts)), "s")
 
 
 def lost_counts(

@@ -16,7 +16,7 @@ from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
 from hil.diagnosis.types import EITHER, Finding, Indistinguishable, UnnamedCorrection, to_try
 from hil.diagnosis.verbs import compare, ladder
-from hil.diagnosis.verdict import NO_GEOMETRY
+from hil.diagnosis.verdict import NO_GEOMETRY, lateness
 from hil.identify import bands
 from hil.models import catalogue
 from hil.models.model import Value
@@ -264,6 +264,19 @@ def test_the_contribution_is_what_the_error_falls_by(late):
     unsure = {n: replace(v, stderr=9 * abs(v.value)) for n, v in found.parameters.items()}
     d = replace(late, findings=[replace(found, parameters=unsure)])
     assert f"{size} N m rms in total; no value is determined" in short(d, ladder(late), None)
+
+
+def test_a_lateness_is_printed_with_its_share_and_with_half_a_sample(late):
+    """Share and time make up for each other; so do efforts of an instant and of a sample."""
+    rows = re.findall(r"late by ([0-9.]+) \+- ([0-9.]+) ms", short(late, ladder(late), None))
+    period = 1e3 * late.result.problem.recordings[0].period
+    assert len(rows) == 2 and not late.result.problem.of_instants
+    for (size, error), samples in zip(rows, (4, 12), strict=True):
+        assert float(error) >= 0.49 * period
+        assert abs(float(size) - samples * period) < 2 * float(error)
+    values = {"j1.delay.a": Value(0.9, float("nan"), "1"), "j1.delay.T": Value(0.02, 1e-4, "s")}
+    v = lateness(replace(late.findings[0], effect="delay", parameters=values), 3e-3)
+    assert v.value == pytest.approx(0.018) and v.stderr == pytest.approx(3e-3, rel=0.01)
 
 
 def test_a_first_error_that_is_not_the_given_model_s_is_told(late):
