@@ -13,13 +13,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hil import outputs, terminal
 from hil.errors import ConfigError
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.models.model import RobotModel, Value, base_model, in_words, without_error
+from hil.record.arrays import once
 from hil.record.bags import BagChoice, TableChoice
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
@@ -242,7 +241,7 @@ def load(
         model = replace(model, arm=args.arm)
     outputs.refuse_urdf(getattr(args, "output", None), model.robot.urdf)
     _refuse_robots([*paths, *others], [*runs, *held])
-    runs = _once(runs)
+    runs = once(runs, _twice)
     model.check_joints(runs[0].joints)
     return _distinct(runs), _distinct(held), model
 
@@ -318,22 +317,9 @@ def _refuse_robots(paths: Sequence[Path], runs: Sequence[Recording]) -> None:
         )
 
 
-def _once(runs: list[Recording]) -> list[Recording]:
-    """Runs without those that hold the samples of another; they would count twice."""
-    out: list[Recording] = []
-    for run in runs:
-        same = [r for r in out if r.n == run.n and r.arm == run.arm and _same(r, run)]
-        if same:
-            terminal.log(f"warning: {run.name} holds the same data as {same[0].name}; left out")
-        else:
-            out.append(run)
-    return out
-
-
-def _same(one: Recording, other: Recording) -> bool:
-    """Whether two recordings hold the same samples."""
-    names = ("t", "q", "tau")
-    return all(np.array_equal(getattr(one, n), getattr(other, n)) for n in names)
+def _twice(run: Recording, other: Recording) -> None:
+    """Say that a run is left out, which would count twice."""
+    terminal.log(f"warning: {run.name} holds the same data as {other.name}; left out")
 
 
 def _distinct(runs: list[Recording]) -> list[Recording]:

@@ -6,7 +6,8 @@ Arrays, data frames and dictionaries of columns pass the checks that a table of 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
@@ -354,6 +355,8 @@ def _kind(x: object) -> str:
 def as_runs(given: object, verb: str) -> list[Recording]:
     """Recordings that a verb was given: one run stands for a list of one.
 
+    One that holds the samples of another would count twice; it is left out.
+
     Parameters
     ----------
     given : object
@@ -370,11 +373,44 @@ def as_runs(given: object, verb: str) -> list[Recording]:
     each = list(given) if several and isinstance(given, Iterable) else [given]
     runs = [run for run in each if isinstance(run, Recording)]
     if each and len(runs) == len(each):
-        return runs
+        return once(runs, _twice)
     wrong = [run for run in each if not isinstance(run, Recording)]
     found = _kind(wrong[0]) if wrong else "an empty list"
     how = (_instead(wrong[0]) if wrong else None) or "hil.load('run1.mcap') reads one"
     raise ConfigError(f"{verb} takes a recording or a list of them, not {found}; {how}")
+
+
+def once(
+    runs: Iterable[Recording], said: Callable[[Recording, Recording], None]
+) -> list[Recording]:
+    """Runs without those that hold the samples of another.
+
+    Parameters
+    ----------
+    runs : iterable of Recording
+        The runs.
+    said : callable
+        Gets each that is left out, and the one that holds its samples.
+    """
+    out: list[Recording] = []
+    for run in runs:
+        same = [r for r in out if r.n == run.n and r.arm == run.arm and _same(r, run)]
+        if same:
+            said(run, same[0])
+        else:
+            out.append(run)
+    return out
+
+
+def _twice(run: Recording, other: Recording) -> None:
+    """Warn of a run that is left out, which would count twice."""
+    warnings.warn(f"{run.name} holds the same data as {other.name}; left out", stacklevel=4)
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    """Whether two recordings hold the same samples."""
+    names = ("t", "q", "tau")
+    return all(np.array_equal(getattr(one, n), getattr(other, n)) for n in names)
 
 
 def held_out(given: object, verb: str) -> list[Recording]:

@@ -6,6 +6,7 @@ import ast
 import inspect
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -350,3 +351,11 @@ def test_public_functions_are_one_object_and_travel_to_other_processes():
     assert hil.fit is hil.fit and pickle.loads(pickle.dumps(hil.fit)) is hil.fit
     assert "Fit all parameters" in hil.fit.__doc__
     assert list(inspect.signature(hil.fit).parameters) == ["recordings", "model"]
+
+
+def test_a_run_that_is_given_twice_counts_once():
+    run = plants.smooth_axis(1)
+    again = replace(run, name="again")
+    with pytest.warns(UserWarning, match="again holds the same data as .*; left out"):
+        kept = as_runs([run, again], "hil.fit")
+    assert len(kept) == 1 and kept[0] is run
