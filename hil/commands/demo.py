@@ -20,7 +20,7 @@ from hil.models.model import base_model
 from hil.record.mcap_read import load
 from hil.report.data import diagnosis_json, ladder_json
 from hil.report.html import diagnosis_report
-from hil.report.text import Files
+from hil.report.text import Files, with_files
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 
@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     d = engine.diagnose(runs[:2], model, runs[2:])
     names = [str(p) for p in paths]
     files = Files(tuple(names[:2]), tuple(names[2:]), "", "follower")
+    d.warnings = [(code, with_files(said, files)) for code, said in d.warnings]
     say(short(d, verbs.ladder(d), files))
     common.save_model(d.model, folder / MODEL)
     with outputs.writing(folder / REPORT):

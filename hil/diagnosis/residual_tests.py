@@ -444,7 +444,8 @@ def touches(result: FitResult) -> list[Touch]:
     # of time, also where a motion comes again
     at = (problem.t * problem.rates.effort / PERIODS).astype(int)
     blocks = at + problem.run * (int(at.max()) + 2)
-    for j in np.flatnonzero(~problem.holds).tolist():
+    felt = result.rms > practical(problem) * problem.rms(problem.effort)
+    for j in np.flatnonzero(~problem.holds & felt).tolist():
         struck = _struck(problem, j, result.residual[j], blocks)
         slow = _slow_share(problem, np.where(struck, result.residual[j], 0.0)[:, None])
         if slow > HALF and _elsewhere_alike(result, j, struck):
