@@ -37,7 +37,7 @@ from hil.diagnosis.constants import (
     WORTH,
 )
 from hil.diagnosis.grams import Reach
-from hil.diagnosis.postures import TIMES, beside, exchanged, ordered, readings, times
+from hil.diagnosis.postures import TIMES, beside, countings, exchanged, ordered, times
 from hil.diagnosis.preconditions import driven, weighed
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -375,7 +375,7 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
     if isinstance(result.problem.robot, IndependentAxes) or result.problem.d < 2:
         return []
     before, out = _size(result), []
-    for x in readings(result, recordings):
+    for x in countings(result, recordings):
         model = replace(result.model, robot=x.robot)
         after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
         if _fits(after, before, x.share) or (x.fixed and _freed(after, result)):

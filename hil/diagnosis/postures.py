@@ -319,7 +319,7 @@ def beside(x: FloatArray, q: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Reading:
+class Counting:
     """The runs read in another way: code, sentence, the share of the error that may stay.
 
     How many entries of a map it changes, and whether none of them is a number that was fitted.
@@ -335,14 +335,14 @@ class Reading:
     senses: tuple[Sense, ...] = ()
 
 
-def readings(result: FitResult, recordings: list[Recording]) -> Iterator[Reading]:
+def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counting]:
     """Other orders and senses of the joints, and another gravity, that promise less error."""
     postures, joints, robot = Postures(result), result.problem.joints, result.problem.source
     order, gravity = postures.order(), postures.gravity()
     if order != sorted(order):
         runs = [ordered(r, order) for r in recordings]
         moved = sum(k != n for n, k in enumerate(order))
-        yield Reading(runs, robot, "order", _of_order(joints, order), OPEN, moved, True)
+        yield Counting(runs, robot, "order", _of_order(joints, order), OPEN, moved, True)
     for senses in (*postures.bests(), *postures.scales()):
         columns = np.array([(x.sign * x.scale, x.shift, x.effort) for x in senses]).T
         runs = [_read(r, *columns) for r in recordings]
@@ -350,7 +350,7 @@ def readings(result: FitResult, recordings: list[Recording]) -> Iterator[Reading
         turned = any(x.sign < 0 or x.shift for x in senses)
         quarters = not any(x.free for x in senses)
         scaled = any(x.scale != 1.0 or abs(x.effort) != 1.0 for x in senses)
-        yield Reading(
+        yield Counting(
             runs,
             robot,
             "scale" if scaled else "posture" if turned else "sign",
@@ -367,10 +367,10 @@ def readings(result: FitResult, recordings: list[Recording]) -> Iterator[Reading
             "</gravity> within <robot> of the URDF"
         )
         # another zero of the first joint may be the same, and is a commoner mistake
-        yield Reading(recordings, _in_gravity(robot, gravity), GRAVITY, text, OPEN, 2)
+        yield Counting(recordings, _in_gravity(robot, gravity), GRAVITY, text, OPEN, 2)
 
 
-def times(x: Reading, after: FitResult) -> float:
+def times(x: Counting, after: FitResult) -> float:
     """Factor of the column that is scaled; of an effort, that which gives the described gravity."""
     j, sense = next((j, s) for j, s in enumerate(x.senses) if s != Sense())
     if sense.scale != 1.0:

@@ -18,7 +18,7 @@ _ARITHMETIC = {
     },
     "attribution": {"FURTHER"},
     "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
-    "columns": {"INSTANTS", "STEPS", "EARTH", "SAME"},
+    "postures": {"INSTANTS", "STEPS", "EARTH", "SAME"},
     "equivalence": {"PROBE", "UNSHOWN", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
     "floor": {
