@@ -612,8 +612,8 @@ class Search(Models):
     # ------------------------------------------------------------------ backward, exchange
 
     def backward(self) -> None:
-        """Take out what later effects have made superfluous."""
-        for c in self.found[:-1]:
+        """Take out what later effects, or other shapes that came with it, have made superfluous."""
+        for c in list(self.found):
             now = self.now
             key = c.term.key
             if not any(t.key == key for t in now.result.terms) or replaced(c.term):

@@ -572,7 +572,9 @@ def line_search(
     """Place and value of a maximum of f on [a, c], found from a, b and c.
 
     Parabolas through the best three points, golden sections where they lead nowhere or close in
-    from one side only; at most twelve evaluations besides the three.
+    from one side only; at most twelve evaluations besides the three.  The first parabola may have
+    its vertex on b by chance, far from the maximum: that it promises no more is believed of the
+    next one, through a point more on the longer side.
 
     Parameters
     ----------
@@ -590,11 +592,12 @@ def line_search(
             return b, f(b)
         a, b, c = found
     width = 2 * (c - a)
-    for _ in range(GOLDEN_STEPS):
+    for step in range(GOLDEN_STEPS):
         x, promise = _vertex(f, a, b, c)
-        if promise < tolerance:
+        if promise < tolerance and step:
             break
-        x = _apart(a, b, c, x) if c - a < 0.7 * width else _golden(a, b, c)
+        trusted = promise >= tolerance and c - a < 0.7 * width
+        x = _apart(a, b, c, x) if trusted else _golden(a, b, c)
         width = c - a
         if f(x) > f(b):
             a, b, c = (b, x, c) if x > b else (a, x, b)

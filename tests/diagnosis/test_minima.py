@@ -7,8 +7,13 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis.attribution import as_use
+from hil.diagnosis.folds import split
+from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.search import Search
+from hil.identify.problem import of_model
 from hil.identify.shape_search import expected_sign
+from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.model import RobotModel
 from hil.models.presliding import dahl_state
@@ -272,3 +277,23 @@ def test_an_offset_that_jumps_is_no_drift():
     jump = 0.8 * (run.t - run.t[0] > 17.0)
     d = diagnosed(replace(run, tau=run.tau + jump[:, None]))
     assert all(f.confidence < 0.5 for f in d.findings if f.effect == "offset-drift")
+
+
+def test_an_effect_that_only_brought_another_sign_is_taken_out() -> None:
+    """The last one, too: what it came with does as well without it."""
+    run = plants.smooth_axis(1)
+    problem = of_model([run], hil.base_model(run.robot))
+    search = Search(problem, split(problem), Examiner(problem, []))
+    first = search.judged("base model", fit_aligned(problem, hil.base_model(run.robot)))
+    search.rungs.append(first)
+    evidence, rated = search.evidence([0])
+    c = next(r.candidate for r in rated if r.candidate.name == "stribeck")
+    # the base model with a sign that is too blunt: the effect's fit finds the right one
+    blunt = replace(first.errors, squared=4.0 * first.errors.squared)
+    search.first, search.rungs = evidence, [replace(first, errors=blunt)]
+    search.rungs.append(
+        search.rung("+ stribeck on joint1", first.result.model + as_use(c, problem))
+    )
+    search.found = [c]
+    search.backward()
+    assert search.found == [] and search.now.step.label == "- stribeck on joint1"

@@ -43,3 +43,9 @@ def test_flat_function_costs_nothing():
     g, known = counted(lambda x: 1.0)
     assert line_search(g, (0.0, 0.5, 1.0), 1e-6) == (0.5, 1.0) and len(known) == 3
     assert np.isfinite(list(known)).all()
+
+
+def test_a_parabola_whose_vertex_is_in_the_middle_by_chance_ends_nothing():
+    """Of three points that far apart it says nothing: a sign stayed blunter than the data say."""
+    g, _ = counted(lambda x: 4 * x * (1 - x) + np.exp(-(((x - 0.3) / 0.1) ** 2)))
+    assert line_search(g, (0.0, 0.5, 1.0), 1e-2)[0] == pytest.approx(0.31, abs=0.01)
