@@ -16,7 +16,7 @@ import numpy as np
 from hil import terminal
 from hil.commands import common
 from hil.diagnosis import engine, verbs
-from hil.diagnosis.artefacts import at_reversals, blurred_above
+from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.constants import CONFIDENT, HALF
 from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.floor import told
@@ -34,10 +34,8 @@ from hil.record.sources import find, passed_over
 from hil.report.data import diagnosis_json, from_diagnosis, ladder_json
 from hil.report.text import (
     ACCEPT,
-    AT_REVERSALS,
     LEADING,
     TWO_ERRORS,
-    UNDESCRIBED,
     Files,
     command,
     corrections,
@@ -45,11 +43,12 @@ from hil.report.text import (
     ended,
     explains,
     floor_says,
+    headline,
     laws,
     next_steps,
     percent,
     remains,
-    undescribed,
+    rest,
     where,
     with_files,
 )
@@ -133,10 +132,10 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         noted = [(where(f), remark(f.effect, f.parameters)) for f in d.findings]
         lines += [f"  {name}: {said}" for name, said in noted if said]
     lines += ["", _joints_table(d, rungs)]
-    said = list(dict.fromkeys(w for code, w in d.warnings if code in LEADING))
+    said = [line.strip() for line in _left(d)[1:]]
+    said += dict.fromkeys(w for code, w in d.warnings if code in LEADING)
     said += _worse(rising(rungs))
     said += [f"{where(f)} has no name: {f.reason}" for f in d.partial if d.findings]
-    said += _left(d)[1:]
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
@@ -360,9 +359,7 @@ def _worse(lines: list[str]) -> list[str]:
 
 def _left(d: Diagnosis) -> list[str]:
     """What all that was named leaves."""
-    if not d.findings:
-        return []
-    left = remains(d.explained.heldout.rms / d.noise, d.result.problem.joints)
+    left = remains(from_diagnosis(d, simulated=False))
     return ["", f"  {left}"] if left else []
 
 
@@ -395,10 +392,11 @@ def verdict(d: Diagnosis) -> str:
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
         blurred = blurred_above(d.warnings, ratio)
         return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
-    if not d.partial and undescribed(d.verdict, d.warnings, d.corrections):
-        return f"unexplained: {UNDESCRIBED[0].lower()}{UNDESCRIBED[1:]}"
-    if d.verdict == "unexplained" and d.ladder and at_reversals(d.explained, d.last, d.noise):
-        return f"unexplained: {AT_REVERSALS[0].lower()}{AT_REVERSALS[1:]}"
+    if d.verdict == "unexplained" and d.ladder:
+        said = headline(from_diagnosis(d, simulated=False))
+        return f"unexplained: {said[0].lower()}{said[1:]}"
+    if d.verdict == "missing-effect":
+        return f"{SENTENCES[d.verdict]}{rest(from_diagnosis(d, simulated=False))}"
     return SENTENCES[d.verdict]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
-from hil.diagnosis.constants import ADEQUATE, CONFIDENT
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WORTH
 from hil.diagnosis.floor import known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
@@ -29,12 +29,20 @@ from hil.diagnosis.residual_tests import (
 )
 from hil.diagnosis.types import (
     EITHER,
+    NO_MOTION,
     Finding,
     Indistinguishable,
     UnnamedCorrection,
     to_try,
 )
-from hil.diagnosis.verdict import COMMON, HIGH_FLOOR, NO_GEOMETRY, REFUSED, only_there
+from hil.diagnosis.verdict import (
+    COMMON,
+    HIGH_FLOOR,
+    NO_GEOMETRY,
+    REFUSED,
+    matters,
+    only_there,
+)
 from hil.errors import ConfigError
 from hil.excite.choose import NO_MOTION
 from hil.identify.timing import RECORDED_LATE
@@ -122,23 +130,48 @@ def listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def remains(ratios: FloatArray, joints: Sequence[str]) -> str:
-    """What all that was added leaves above the floor; empty if nothing.
+def remains(m: Material) -> str:
+    """What all that was named leaves above the floor: how much, where and over what; or nothing.
 
-    Parameters
-    ----------
-    ratios : ndarray (d,)
-        Held-out error over the noise floor, with everything added.
-    joints : sequence of str
-        Names.
+    Each figure is said with the model that it belongs to.
     """
+    ratios = m.ratio(m.explained)
     j = int(np.argmax(ratios))
-    if ratios[j] <= ADEQUATE:
+    if ratios[j] <= ADEQUATE or m.verdict == "adequate":
         return ""
+    lead = "With the named effects alone the" if m.findings else "The"
+    still = "still " if m.findings else ""
+    better = float(m.ratio(m.after)[j])
+    of = "" if not m.corrected else f", and {better:.2f} times with the corrections below"
     return (
-        f"With the named effects alone the error of {joints[j]} is still {ratios[j]:.2f} times the "
-        "noise floor. No further effect passes every test."
+        f"{lead} error of {m.joints[j]} is {still}{ratios[j]:.2f} times the noise floor{of}"
+        f"{_variables(m, j)}. No further effect passes every test."
     )
+
+
+def _variables(m: Material, j: int) -> str:
+    """What the error of joint j depends on, as the end of a sentence; empty where none is known."""
+    own = [s for s in m.network if s.joint == m.joints[j] and s.share >= WORTH]
+    if not own:
+        return ""
+    most = max(own, key=lambda s: s.share)
+    return f". A function of {most.words} could explain {percent(most.share)} % of what is above it"
+
+
+def nameless(m: Material) -> list[str]:
+    """Joints without a name whose fitted error is above the floor, of size, and no noise."""
+    named = {f.felt_on or f.joint for f in m.findings}
+    told = {s.joint for s in m.network if s.share >= WORTH} - named
+    over = matters(m.explained.result) & (m.ratio(m.explained) > ADEQUATE)
+    return [name for name, felt in zip(m.joints, over, strict=True) if felt and name in told]
+
+
+def rest(m: Material) -> str:
+    """The sentence on joints where no effect explains what is missing, with a space before it."""
+    more = nameless(m)
+    if not more:
+        return ""
+    return f" On {listed(more)} more is missing, and no effect of the catalogue explains it."
 
 
 def corrections(which: Sequence[UnnamedCorrection]) -> str:
@@ -274,7 +307,7 @@ def headline(m: Material) -> str:
         perhaps = [where(f) for f in m.findings if f.confidence < CONFIDENT]
         lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
         tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
-        return f"The model lacks {lead}{listed(sure)}{tail}."
+        return f"The model lacks {lead}{listed(sure)}{tail}.{rest(m)}"
     if m.verdict == "ambiguous":
         return f"An effect is missing, most likely {names}. These data do not show which one it is."
     if m.verdict == "adequate" and apart(m):
@@ -286,7 +319,7 @@ def headline(m: Material) -> str:
     if m.verdict == "unexplained" and _undescribed(m):
         return UNDESCRIBED
     if m.verdict == "unexplained":
-        joint = m.joints[m.concerned(1)[0]]
+        joint = _open(m)
         if only_there(m.after, m.last, m.floor):
             return f"The model explains the fitted data, but not {joint} in the held-out data."
         if at_reversals(m.explained, m.last, m.floor):
@@ -306,6 +339,14 @@ def headline(m: Material) -> str:
     ratio = float(m.ratio(m.before)[j])
     tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
+
+
+def _open(m: Material) -> str:
+    """The joint that an unexplained answer is about: a withheld name's, else the worst now."""
+    ratios = m.ratio(m.explained)
+    if m.partial or ratios.max() <= ADEQUATE:
+        return m.joints[m.concerned(1)[0]]
+    return m.joints[int(np.argmax(ratios))]
 
 
 #: Verdict where what is left is mostly reversals that the filter of the positions blurs.
@@ -388,7 +429,7 @@ def details(m: Material, files: Files | None = None) -> list[str]:
             f"{percent(f.excess_explained)} % of the squared error above the noise floor). It is "
             f"not named as the cause: {f.reason}."
         )
-    if m.findings and (left := remains(m.ratio(m.explained), m.joints)):
+    if m.findings and (left := remains(m)):
         out.append(left)
     out += _said(m, REFUSED)
     out += [corrections(m.corrections)] if m.corrections else []
