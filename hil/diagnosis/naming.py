@@ -58,7 +58,7 @@ from hil.diagnosis.grams import BlockErrors, GramTable, Group
 from hil.diagnosis.remodel import Visited, let_go, missed, reverted, without
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import Candidate, describe, ranking
-from hil.identify.context import renew
+from hil.identify.context import lend_load, renew
 from hil.identify.design import Term, replaced
 from hil.identify.projector import Projector
 from hil.models.effect import Effect, Lines
@@ -150,7 +150,7 @@ def exchange(search: Search) -> list[Named]:
             progress.at(f"rivals of {c.name}", 0.2 + 0.13 * k / len(search.found))
             now = search.now
             rated, projector = _beside(search, c)
-            rated = _settled(rated, c, search.now)
+            rated = _settled(search, c, rated)
             other = _better(search, c, rated)
             went = {} if other is not None else _elsewhere(search, c, rated)
             if other is not None or search.now is not now:
@@ -164,10 +164,15 @@ def exchange(search: Search) -> list[Named]:
 
 
 def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
-    """Every effect of a joint beside the model without one of them, rated; and that projector."""
+    """Every effect of a joint beside the model without one of them, rated; and that projector.
+
+    Laws of the load take that of the whole model: masses that make up for the effect that is left
+    out carry another one, beside which no law in its place can be seen.
+    """
     now = search.now
     rung = search.rung("without", without(now.result.model, c, search.problem), now.result.sigma)
     result = rung.result
+    lend_load(now.result)
     own, moves = c.term.effect, np.flatnonzero(~search.problem.holds).tolist()
     terms = [t for t in terms_to_try(result, moves)[0] if _comparable(t, own, c.joint)]
     projector, found = tried(result, terms)
@@ -209,19 +214,26 @@ def _judged_on(r: Rated, j: int) -> Rated:
     return replace(r, joint=j, fall=fall, before=before, after=after)
 
 
-def _settled(rated: list[Rated], c: Candidate, now: Visited) -> list[Rated]:
+def _settled(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
     """The same; an effect of the model that a rival seems to beat counts as the model has it.
 
-    Its shapes were searched beside everything then, the rivals' coarsely.
+    Its shapes were searched beside everything then, the rivals' coarsely: those that seem to beat
+    it count as the model would have them in its place.
     """
     own = next((r for r in rated if _own(r, c)), None)
-    if own is None or all(r.after > own.after - DISCREPANCY * own.removed for r in rated):
+    if own is None:
         return rated
-    return [_refitted(r, now) if r is own else r for r in rated]
+    ahead = [r for r in rated if r.after <= own.after - DISCREPANCY * own.removed]
+    if not ahead:
+        return rated
+    settled = {id(own): _refitted(own, search.now)}
+    for r in sorted(ahead, key=lambda r: r.after)[:STARTS]:
+        settled[id(r)] = _refitted(r, _in_place(search, c, r.candidate))
+    return [settled.get(id(r), r) for r in rated]
 
 
 def _refitted(r: Rated, now: Visited) -> Rated:
-    """An effect of the model with the errors that the model has, where its shapes settled lower."""
+    """An effect with the errors of a model that has it, where its shapes settled lower."""
     j = r.joint
     if now.errors.power[j] >= r.after or now.errors.squared.shape != r.errors.squared.shape:
         return r

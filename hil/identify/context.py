@@ -323,6 +323,16 @@ def carried_by(
     return [_sliding(m, *fitted) for m in _responding(motions, *fitted)]
 
 
+def lend_load(result: FitResult) -> None:
+    """Give the problem of a fit the load and the response of its masses, and nothing else.
+
+    Signs and states of friction stay those of another fit.
+    """
+    problem, fitted = result.problem, (result.terms, result.theta, result.slices)
+    problem.motions = _responding(carried_by(problem, *fitted, anew=False), *fitted)
+    problem.set_context()  # what was made beside the other load is forgotten
+
+
 def renew(result: FitResult) -> None:
     """Give the problem of a fit what that fit found, where other fits have been tried since."""
     problem, fitted = result.problem, (result.terms, result.theta, result.slices)

@@ -64,6 +64,21 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     assert found == pytest.approx(resonance, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("seed", "gravity", "frequency"), [(1, 1.0, 4.0), (3, 0.6, 2.5)], ids=["faster", "slower"]
+)
+def test_a_weight_behind_a_soft_spring_leaves_the_spring_in_the_race(
+    seed: int, gravity: float, frequency: float
+) -> None:
+    """Without a mode the masses make up for it: beside their load no spring was seen at all."""
+    what = {"gravity": gravity, "frequency": frequency, "zeta": 0.02}
+    run = plants.transmission(seed, seconds=15.0, fast=0.8, **what)
+    d = diagnose([run], base_model(run.robot))
+    found = [{f.effect, *f.rivals} for f in d.findings if f.confidence > 0.4]
+    assert any("elastic-transmission" in names for names in found)
+    assert not any("vibration-mode" in x and "elastic-transmission" not in x for x in found)
+
+
 def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode() -> None:
     """Its friction is what a mode has not, and sticks at reversals: no sum of linear springs."""
     rub = 0.1
