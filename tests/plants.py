@@ -1236,14 +1236,19 @@ def serial_arm(
     axes: tuple[str, ...] = AXES,
     seconds: float = 20.0,
     hand: bool = False,
+    reach: float = 1.0,
+    posture: float = 0.0,
 ) -> Recording:
     """An arm whose effort is Pinocchio's, with friction and noise; a body on `link`, if asked.
+
+    It moves about a `posture` of all joints, `reach` times as far as usual.
 
     wrong: seed of errors of 5 % in the masses, centres and inertias that it is described with.
     hand: a hand that carries its own weight holds the tip (`HAND`).
     """
     text, rng, t = serial_urdf(d, axes), np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
-    q, v, a = _four_tones(rng, t, d)
+    q, v, a = (reach * x for x in _four_tones(rng, t, d))
+    q = q + posture
     model = pin.buildModelFromXML(text)
     if wrong:
         factors = 1 + 0.05 * np.random.default_rng(wrong).standard_normal((d, 3))

@@ -14,6 +14,7 @@ Source: Hotelling, Ann. Math. Stat. 2, 1931; Liang and Zeger, Biometrika 73, 198
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,8 +153,25 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
 
 
 def _once(c: Candidate, runs: int) -> int:
-    """Coefficients of a candidate in one run."""
-    return max(c.dof // runs, 1) if c.term.per_run else c.dof
+    """Coefficients of a candidate in one run; differences to the first run are one set less."""
+    sets = max(runs - int(c.term.effect.variation.relative), 1)
+    return max(c.dof // sets, 1) if c.term.per_run else c.dof
+
+
+def likelier(one: Candidate, other: Candidate) -> float:
+    """Probability of one of two explanations of which each is several values, by these weights.
+
+    They share no columns that could be compared, so that neither is a form of the other.
+    """
+    best, r = (one, other) if one.score >= other.score else (other, one)
+    share, most = DISCREPANCY, np.inf
+    if r.dof > best.dof:
+        share = DISCREPANCY / ALLOWANCE if r.chi2 <= best.chi2 else 0.0
+    if r.dof >= best.dof:
+        most = best.missed
+    odds = (best.score - r.score) / (2 * (1.0 + min(share * best.chi2, most)))
+    less = float(np.exp(-min(odds, 700.0)))
+    return 1.0 / (1.0 + less) if best is one else less / (1.0 + less)
 
 
 def begins(poorer: Candidate, richer: Candidate, projector: Projector) -> bool:
@@ -534,3 +552,88 @@ def _off_description(result: FitResult) -> tuple[float, int]:
     off = ways[known] @ metric @ (result.theta[where] - problem.robot.prior)
     k = int(known.sum())
     return max(float(np.linalg.norm(off)) / max(k, 1) ** 0.5, float(ERRORS[0])), k
+
+
+# ------------------------------------------------------------ how sure a name is
+
+
+@dataclass
+class Named:
+    """An effect of the last model, and how sure its name is.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The effect.
+    confidence : float
+        Weight of the models that hold it, among those that cannot be told apart.
+    rivals : list of Candidate
+        Effects that take its place in the others.
+    odds : list of (float, float)
+        Weight of each rival by the likelihood, and share of the draws that it wins; empty where
+        there are none.
+    own : (float, float)
+        The same of the effect: its confidence is the lesser one.
+    """
+
+    candidate: Candidate
+    confidence: float
+    rivals: list[Candidate]
+    odds: list[tuple[float, float]] = field(default_factory=list)
+    own: tuple[float, float] = (HALF, HALF)
+
+    def among(self, rivals: Sequence[Candidate]) -> Named:
+        """The same among fewer rivals."""
+        kept = [k for k, r in enumerate(self.rivals) if any(r is x for x in rivals)]
+        gone = [x for k, x in enumerate(self.odds) if k not in kept]
+        left = (1.0 - sum(x[way] for x in gone) for way in (0, 1))
+        own = tuple(min(p / max(x, p, 1e-300), 1.0) for p, x in zip(self.own, left, strict=True))
+        return Named(
+            self.candidate,
+            min(own),
+            [self.rivals[k] for k in kept],
+            [self.odds[k] for k in kept],
+            (own[0], own[1]),
+        )
+
+    def against(self, others: Sequence[Candidate], own: tuple[float, float]) -> Named:
+        """The same with another explanation, whose effects go together; `own`: weight against it.
+
+        They are rivals where it keeps the weight of one.
+        """
+        keys = {r.term.key for r in others}
+        if any(r.term.key in keys for r in self.rivals):  # alone it is no other explanation
+            apart = self.among([r for r in self.rivals if r.term.key not in keys])
+            return apart.against(others, own)
+        odds = [(1.0 - p) / max(p, 1e-300) for p in own]
+        scale = [1.0 / (1.0 + p * x) for p, x in zip(self.own, odds, strict=True)]
+        mine = (self.own[0] * scale[0], self.own[1] * scale[1])
+        theirs = (mine[0] * odds[0], mine[1] * odds[1])
+        more = [r for r in others if max(theirs) >= RIVAL]
+        known = [(a * scale[0], b * scale[1]) for a, b in self.odds]
+        rivals = [*self.rivals, *more]
+        return Named(self.candidate, min(mine), rivals, [*known, *[theirs] * len(more)], mine)
+
+    def told(self, odds: Sequence[float]) -> Named:
+        """The same where something else is known: log odds of the effect over each rival.
+
+        A rival that is likelier leaves the name undecided: which one is named the search decides.
+        """
+        own, rivals = np.array(self.own), np.array(self.odds).reshape(-1, 2)
+        weight = rivals * np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))[:, None]
+        # what is neither the effect nor a rival that is listed keeps its weight
+        left = np.maximum(1.0 - own - rivals.sum(axis=0), 0.0)
+        whole = np.maximum(own + weight.sum(axis=0) + left, 1e-300)
+        own, weight = np.maximum(own / whole, np.minimum(own, HALF)), weight / whole
+        kept = [k for k in range(len(self.rivals)) if weight[k].max() >= RIVAL]
+        return Named(
+            self.candidate,
+            float(own.min()),
+            [self.rivals[k] for k in kept],
+            [(float(weight[k, 0]), float(weight[k, 1])) for k in kept],
+            (float(own[0]), float(own[1])),
+        )
+
+
+#: Largest log odds that is told apart from certainty.
+_OVERFLOW = 50.0

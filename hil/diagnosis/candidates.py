@@ -12,14 +12,14 @@ does not stand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import BEYOND, DISCREPANCY
+from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, SURE
 from hil.diagnosis.evidence import try_all
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split
@@ -163,6 +163,20 @@ def rate(
         found = rated(some, table, keys, now, practical(problem) * problem.rms(problem.effort))
         out |= dict(zip(map(id, some), found, strict=True))
     return [out[id(c)] for c in candidates]
+
+
+def rate_together(
+    result: FitResult, split: Split, some: Sequence[Candidate]
+) -> tuple[BlockErrors, BlockErrors]:
+    """Held-out errors of a fit, and with several candidates in it, judged as `rate` judges one."""
+    problem, base = result.problem, model_groups(result)
+    if split.by_run and any(c.term.per_run for c in some):
+        split = dealt(problem, whole_runs=False)
+    groups = [*base, *(candidate_group(problem, c) for c in some)]
+    table = GramTable(problem, split, result.sigma, groups)
+    gone = set().union(*(replaced(c.term) for c in some))
+    keys: list[object] = [g.key for g in base]
+    return table.errors(keys), table.errors([g.key for g in groups if g.key not in gone])
 
 
 def held_out(result: FitResult, split: Split) -> FloatArray:
@@ -409,3 +423,121 @@ def foils(problem: Problem, term: Term) -> list[Group]:
         columns = np.moveaxis(columns, 0, 1) if effect.scope.whole else columns
         out.append(Group(key, joint, columns, -free, free, np.zeros(free.size)))
     return out
+
+
+# ------------------------------------------------------------ candidates against each other
+
+#: Draws of the bootstrap.
+DRAWS = 400
+
+
+def drawn_best(
+    own: Candidate, rated: list[Rated], moves: NDArray[np.bool_]
+) -> list[tuple[Rated, float]]:
+    """How often each effect does best, with weights of blocks drawn from Dirichlet(1, .., 1).
+
+    One that is as good as the best, within what a law may miss, and has no more to fit, is best.
+
+    Source: Rubin, Ann. Statist. 9, 1981; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13, 2018
+    (pseudo-BMA+).
+    """
+    mine = next(r for r in rated if r.candidate is own)
+    near = [r for r in rated if r.joint == mine.joint and r.fall.size == mine.fall.size]
+    # over all joints: what a law of two joints takes on the other one is its own, too
+    noise = np.minimum.reduce([r.errors.power for r in near])
+    weight = moves / np.maximum(noise, 1e-300)
+    falls = np.stack([(r.now.squared - r.errors.squared) @ weight for r in near])
+    draws = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
+    total = draws @ falls.T
+    top = total.max(axis=1)
+    order = sorted(
+        range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof)
+    )
+    good = total >= (top * (1 - DISCREPANCY))[:, None]
+    first = np.argmax(good[:, order], axis=1)
+    share = np.bincount(first, minlength=len(near)) / DRAWS
+    return [(near[k], float(share[n])) for n, k in enumerate(order)]
+
+
+# ------------------------------------------------------------ names against free functions
+
+
+def shares(
+    result: FitResult, split: Split, found: Sequence[Candidate], first: FloatArray
+) -> dict[Key, tuple[float, str]]:
+    """What each name takes of all that it and any free function take, and that one's variables.
+
+        share = D / (D + G),
+
+    D the fall of the held-out mean square error by the name, and G by how much a free function
+    does better: in its place, against the fall by that name; or beside all names of the joint,
+    against the fall by them together.  Only what is sure of G counts.
+
+    Parameters
+    ----------
+    result : FitResult
+        The last model.
+    split : Split
+        Blocks and folds.
+    found : sequence of Candidate
+        Its names.
+    first : ndarray (d,)
+        Held-out mean square errors of the model that names are judged against.
+    """
+    problem, out = result.problem, dict[Key, tuple[float, str]]()
+    if result.model.explains != "motor" or not found:
+        return out
+    base = model_groups(result)
+    for j in sorted({c.joint for c in found}):
+        free = [g for what in COMPETITORS if (g := competitor(problem, j, what)) is not None]
+        for c in (c for c in found if c.joint == j):
+            free += foils(problem, c.term)
+        race = _Race(GramTable(problem, split, result.sigma, base, free), free, j)
+        every = [g.key for g in base]
+        taken = float(first[j]) - race.power(every)
+        beside = race.best(every, every)
+        for c in (c for c in found if c.joint == j):
+            rest = [k for k in every if k != c.term.key]
+            own = race.power(rest) - race.power(every)
+            gain, words = beside
+            out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
+            if not replaced(c.term):  # what it replaced is not there to be put back
+                gain, words = race.best(rest, every)
+                stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
+                out[c.term.key] = min(
+                    out[c.term.key], (own / (own + gain) if stands else 0.0, words)
+                )
+    return out
+
+
+@dataclass(frozen=True)
+class _Race:
+    """A model of one joint, and free functions that run against its names."""
+
+    table: GramTable
+    free: list[Group]
+    joint: int
+
+    def power(self, keys: Sequence[Hashable]) -> float:
+        """Held-out mean square error of the joint."""
+        return float(self.table.errors(keys).power[self.joint])
+
+    def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
+        """What is sure of how much the best function with `keys` does better than `against`.
+
+        Sure by the fall of the squared error of blocks, or by that of its logarithm: where a few
+        blocks hold most of the error, the first says little of the rest.
+        """
+        start, j = self.table.errors(against), self.joint
+        gain, words = 0.0, ""
+        for g in self.free:
+            after = self.table.errors([*keys, g.key])
+            fall = start.squared[:, j] - after.squared[:, j]
+            sure = float(start.power[j] - after.power[j])
+            size = max(float(after.squared[:, j].mean()), 1e-300)
+            ratio = np.log((start.squared[:, j] + size) / (after.squared[:, j] + size))
+            certain = max(paired(fall), paired(ratio), 1e-9)
+            sure *= max(1.0 - SURE / certain, 0.0)
+            if sure > gain:
+                gain, words = sure, str(g.key[1])  # type: ignore[index]
+        return gain, words

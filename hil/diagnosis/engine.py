@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis.artefacts import converter
-from hil.diagnosis.candidates import in_words
+from hil.diagnosis.attribution import Named
+from hil.diagnosis.candidates import in_words, shares
 from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -35,7 +36,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, within_errors
-from hil.diagnosis.naming import Named, emptied, exchange, separated, shares
+from hil.diagnosis.naming import emptied, exchange, separated
 from hil.diagnosis.preconditions import (
     doubts,
     touched,
@@ -454,7 +455,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     there = search.examine.floor(end, last)
     renew(end)
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
-    taken = shares(search)
+    taken = shares(end, search.split, search.found, search.base.errors.power)
     every = [finding(n, search, floor, other, taken) for n in named]
     every = weightless(every, named, end)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]

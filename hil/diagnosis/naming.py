@@ -6,8 +6,8 @@ What cannot be told from it is its rival, and free functions without a name run 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +15,20 @@ from numpy.typing import NDArray
 from hil import progress
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import (
+    Named,
     as_use,
     beyond,
     choose,
     described_odds,
     kindred,
+    likelier,
     overlap,
     physical,
     twins,
 )
 from hil.diagnosis.candidates import (
-    COMPETITORS,
-    FOIL,
     Rated,
-    competitor,
-    foils,
-    model_groups,
+    drawn_best,
     paired,
     rate,
     simplest,
@@ -38,7 +36,6 @@ from hil.diagnosis.candidates import (
 )
 from hil.diagnosis.constants import (
     ABSORBED,
-    BEATEN,
     DISCREPANCY,
     HALF,
     RISEN,
@@ -54,7 +51,7 @@ from hil.diagnosis.evidence import (
     terms_to_try,
 )
 from hil.diagnosis.floor import practical
-from hil.diagnosis.grams import BlockErrors, GramTable, Group
+from hil.diagnosis.grams import BlockErrors
 from hil.diagnosis.remodel import Visited, let_go, missed, reverted, without
 from hil.diagnosis.search import Search
 from hil.diagnosis.types import Candidate, describe, ranking
@@ -62,78 +59,13 @@ from hil.identify.context import lend_load, renew
 from hil.identify.design import Term, replaced
 from hil.identify.projector import Projector
 from hil.models.effect import Effect, Lines
+from hil.models.model import RobotModel
 
 FloatArray = NDArray[np.float64]
-#: Draws of the bootstrap.
-DRAWS = 400
 #: Other effects that a search starts from in the place of one, and exchanges one after another.
 STARTS, ROUNDS = 2, 5
 #: Rules of a fit in which one effect takes the place of another.
 FORMS = ("never-rises", "coefficients", "scales", "allowed")
-
-
-@dataclass
-class Named:
-    """An effect of the last model, and how sure its name is.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The effect.
-    confidence : float
-        Weight of the models that hold it, among those that cannot be told apart.
-    rivals : list of Candidate
-        Effects that take its place in the others.
-    odds : list of (float, float)
-        Weight of each rival by the likelihood, and share of the draws that it wins; empty where
-        there are none.
-    own : (float, float)
-        The same of the effect: its confidence is the lesser one.
-    """
-
-    candidate: Candidate
-    confidence: float
-    rivals: list[Candidate]
-    odds: list[tuple[float, float]] = field(default_factory=list)
-    own: tuple[float, float] = (HALF, HALF)
-
-    def among(self, rivals: Sequence[Candidate]) -> Named:
-        """The same among fewer rivals."""
-        kept = [k for k, r in enumerate(self.rivals) if any(r is x for x in rivals)]
-        gone = [x for k, x in enumerate(self.odds) if k not in kept]
-        left = (1.0 - sum(x[way] for x in gone) for way in (0, 1))
-        own = tuple(min(p / max(x, p, 1e-300), 1.0) for p, x in zip(self.own, left, strict=True))
-        return Named(
-            self.candidate,
-            min(own),
-            [self.rivals[k] for k in kept],
-            [self.odds[k] for k in kept],
-            (own[0], own[1]),
-        )
-
-    def told(self, odds: Sequence[float]) -> Named:
-        """The same where something else is known: log odds of the effect over each rival.
-
-        A rival that is likelier leaves the name undecided: which one is named the search decides.
-        """
-        own, rivals = np.array(self.own), np.array(self.odds).reshape(-1, 2)
-        weight = rivals * np.exp(np.clip(np.negative(odds), -_OVERFLOW, _OVERFLOW))[:, None]
-        # what is neither the effect nor a rival that is listed keeps its weight
-        left = np.maximum(1.0 - own - rivals.sum(axis=0), 0.0)
-        whole = np.maximum(own + weight.sum(axis=0) + left, 1e-300)
-        own, weight = np.maximum(own / whole, np.minimum(own, HALF)), weight / whole
-        kept = [k for k in range(len(self.rivals)) if weight[k].max() >= RIVAL]
-        return Named(
-            self.candidate,
-            float(own.min()),
-            [self.rivals[k] for k in kept],
-            [(float(weight[k, 0]), float(weight[k, 1])) for k in kept],
-            (float(own[0]), float(own[1])),
-        )
-
-
-#: Largest log odds that is told apart from certainty.
-_OVERFLOW = 50.0
 
 
 def exchange(search: Search) -> list[Named]:
@@ -158,9 +90,167 @@ def exchange(search: Search) -> list[Named]:
                 named.clear()
                 break
             named[c.term.key] = _refitted_rivals(search, c, rated, went, projector)
-        if not changed:
-            break
+        if changed:
+            continue
+        side = _other_side(search)
+        if side is None or not _taken(search, side):
+            every = [named[c.term.key] for c in search.found]
+            return every if side is None else _beside_it(every, side)
+        named.clear()
     return [named.get(c.term.key) or Named(c, HALF, []) for c in search.found]
+
+
+# ------------------------------------------------------------ what differs between runs
+
+
+@dataclass(frozen=True)
+class _Side:
+    """The other way to say what differs between runs.
+
+    Parameters
+    ----------
+    rung : Visited
+        The model with it.
+    gone, new : list of Candidate
+        Effects of the present model that it does without, and what takes their place.
+    own : (float, float)
+        Weight of the present way, by the likelihood and by draws of blocks.
+    """
+
+    rung: Visited
+    gone: list[Candidate]
+    new: list[Candidate]
+    own: tuple[float, float]
+
+
+def _other_side(search: Search) -> _Side | None:
+    """One effect of the whole robot for what several of its joints have, or these for it.
+
+    In the place of one of them alone it has more values than that, and does no more.  None where
+    there is no other way, or the effect of one joint alone.
+    """
+    mine = [c for c in search.found if c.term.per_run]
+    whole = [c for c in mine if c.term.effect.scope.whole]
+    if len(mine) < 2 and not whole:
+        return None
+    gone = whole or mine
+    before = _with(search, _left_out(search, gone), [])
+    new = [r.candidate for r in _differing(search, before, not whole)]
+    rung = _with(search, before.result.model, new)
+    if new and not whole:
+        new += _staying(gone, before, _differing(search, rung, False))
+        rung = _with(search, before.result.model, new)
+    renew(search.now.result)
+    if not new:
+        return None
+    own = _weights(search, before, (gone, search.now), (new, rung))
+    there, then = ({c.term.key for c in some} for some in (gone, new))
+    gone = [c for c in gone if c.term.key not in then]
+    new = [c for c in new if c.term.key not in there]
+    return _Side(rung, gone, new, own) if gone and new else None
+
+
+def _left_out(search: Search, gone: Sequence[Candidate]) -> RobotModel:
+    """The present model without some effects."""
+    model = search.now.result.model
+    for c in gone:
+        model = without(model, c, search.problem)
+    return model
+
+
+def _with(search: Search, model: RobotModel, new: Sequence[Candidate]) -> Visited:
+    """A model with some effects more."""
+    for c in new:
+        model = model + as_use(c, search.problem)
+    return search.rung("other side", model, search.now.result.sigma)
+
+
+def _staying(gone: Sequence[Candidate], before: Visited, beside: list[Rated]) -> list[Candidate]:
+    """Effects of single joints that stay beside one of the robot: it does not act there, or errs.
+
+    By more than a law may miss of its effect.
+    """
+    power, known = before.errors.power, {c.term.key for c in gone}
+    return [
+        r.candidate
+        for r in beside
+        if r.candidate.term.key in known
+        and r.removed > DISCREPANCY * max(float(power[r.joint]) - r.before, 0.0)
+    ]
+
+
+def _differing(search: Search, rung: Visited, whole: bool) -> list[Rated]:
+    """What differs between runs and pays: the best effect of the robot, or of each joint."""
+    terms = [
+        t
+        for t in terms_to_try(rung.result, search.moves)[0]
+        if t.per_run and t.effect.scope.whole == whole
+    ]
+    _, found = tried(rung.result, terms)
+    good = [
+        r
+        for r in rate(rung.result, search.split, found)
+        if search.score(r) > 0 and physical(r.candidate, search.problem)
+    ]
+    if whole:
+        return [max(good, key=search.score)] if good else []
+    each = ([r for r in good if r.joint == j] for j in search.moves)
+    return [simplest(some, search.score) for some in each if some]
+
+
+def _weights(
+    search: Search,
+    before: Visited,
+    one: tuple[Sequence[Candidate], Visited],
+    other: tuple[Sequence[Candidate], Visited],
+) -> tuple[float, float]:
+    """Weight of one of two sides by the likelihood, and the share of draws in which it is best."""
+    mine, theirs = (_as_one(search, before, *side) for side in (one, other))
+    rated = _in_noise(search, mine.candidate, [mine, theirs])
+    if len(rated) < 2:  # one of them explains nothing
+        own = float(any(r.errors is mine.errors for r in rated))
+        return own, own
+    drawn = drawn_best(rated[0].candidate, rated, ~search.problem.holds)
+    share = next(p for r, p in drawn if r is rated[0])
+    return likelier(rated[0].candidate, rated[1].candidate), share
+
+
+def _as_one(search: Search, before: Visited, some: Sequence[Candidate], rung: Visited) -> Rated:
+    """Several effects of a model as one, beside the model without them."""
+    there = {t.key: len(t.effect.params) for t in before.result.terms}
+    net = sum(max(c.dof - sum(there.get(k, 0) for k in replaced(c.term)), 1) for c in some)
+    c = replace(some[0], dof=net + search.replaced(some[0]), joint=search.moves[0])
+    old, new, j = before.errors, rung.errors, c.joint
+    fall, powers = old.squared[:, j] - new.squared[:, j], (float(old.power[j]), float(new.power[j]))
+    left, given = rung.result.residual, before.result.residual
+    return Rated(c, old, new, fall, *powers, j, left.__getitem__, given.__getitem__)
+
+
+def _taken(search: Search, side: _Side) -> bool:
+    """Whether the search goes on from the other side: it is likelier, surely better and allowed."""
+    now, problem = search.now, search.problem
+    if max(side.own) >= HALF or any(c.term.key in search.refused for c in side.new):
+        return False
+    weight = ~problem.holds / np.maximum(now.errors.power, 1e-300)
+    if paired((now.errors.squared - side.rung.errors.squared) @ weight) < RISEN:
+        return False
+    names = ("; ".join(describe(c, problem) for c in some) for some in (side.new, side.gone))
+    rung = replace(side.rung, added=tuple(side.new))
+    rung.step = replace(rung.step, label=" for ".join(names))
+    search.rungs.append(rung)
+    search.found = [c for c in search.found if all(c is not g for g in side.gone)] + side.new
+    search.refused |= {c.term.key for c in side.gone}
+    search.forget()
+    renew(rung.result)
+    return True
+
+
+def _beside_it(every: list[Named], side: _Side) -> list[Named]:
+    """Names, of which those that the other side does without have it for a rival."""
+    return [
+        n.against(side.new, side.own) if any(n.candidate is g for g in side.gone) else n
+        for n in every
+    ]
 
 
 def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
@@ -405,7 +495,7 @@ def separated(search: Search, named: Named) -> Named:
     problem, j = search.problem, named.candidate.joint
     accuracy = (practical(problem) * float(problem.rms(problem.effort)[j])) ** 2
     most = max(float(search.now.errors.power[j]) / HALF**2, accuracy)
-    rungs = [_in_place(search, named.candidate, r) for r in named.rivals]
+    rungs = _with_theirs(search, named)
     pairs = [
         (r, rung)
         for r, rung in zip(named.rivals, rungs, strict=True)
@@ -457,13 +547,32 @@ def _surely_worse(search: Search, c: Candidate, rung: Visited, most: float) -> b
     return _errs(search, c, rung.errors, most)
 
 
-def _in_place(search: Search, c: Candidate, rival: Candidate) -> Visited:
-    """The model with a rival in the place of an effect, everything fitted again."""
+def _in_place(search: Search, c: Candidate, *rivals: Candidate) -> Visited:
+    """The model with rivals in the place of an effect, everything fitted again."""
     now = search.now
-    model = without(now.result.model, c, search.problem) + as_use(rival, search.problem)
+    model = without(now.result.model, c, search.problem)
+    for r in rivals:
+        model = model + as_use(r, search.problem)
     rung = search.rung("in place", model, now.result.sigma)
     renew(now.result)
     return rung
+
+
+def _with_theirs(search: Search, named: Named) -> list[Visited]:
+    """The models with each rival in the place of an effect; what goes together has one model."""
+    c = named.candidate
+    several = [r for r in named.rivals if _one_of_several(c, r)]
+    together = _in_place(search, c, *several) if several else None
+    return [
+        together if together is not None and _one_of_several(c, r) else _in_place(search, c, r)
+        for r in named.rivals
+    ]
+
+
+def _one_of_several(c: Candidate, r: Candidate) -> bool:
+    """Whether a rival is one of several that stand for an effect of the whole robot, by joints."""
+    whole = c.term.effect.scope.whole and not r.term.effect.scope.whole
+    return whole and c.term.per_run and r.term.per_run
 
 
 def _errs(search: Search, c: Candidate, other: BlockErrors, most: float) -> bool:
@@ -504,7 +613,7 @@ def _weighed(search: Search, c: Candidate, rated: list[Rated], projector: Projec
         return Named(c, HALF, [])
     rest = [x for x in order if x is not own]
     _, likely, heavy = choose([own, *rest], projector)
-    drawn = [(r.candidate, p) for r, p in _drawn(own, rated, ~search.problem.holds)]
+    drawn = [(r.candidate, p) for r, p in drawn_best(own, rated, ~search.problem.holds)]
     best = next(p for r, p in drawn if r is own)
     rivals = [r for r, _ in heavy]
     rivals += [r for r, p in drawn if p >= RIVAL and r not in [own, *rivals]]
@@ -538,99 +647,3 @@ def _in_noise(search: Search, c: Candidate, rated: list[Rated]) -> list[Rated]:
         own = replace(r.candidate, chi2=chi2, price=net * size, missed=missed)
         out.append(replace(r, candidate=own))
     return [r for r in out if r.candidate.score > 0]
-
-
-def _drawn(
-    own: Candidate, rated: list[Rated], moves: NDArray[np.bool_]
-) -> list[tuple[Rated, float]]:
-    """How often each effect does best, with weights of blocks drawn from Dirichlet(1, .., 1).
-
-    One that is as good as the best, within what a law may miss, and has no more to fit, is best.
-
-    Source: Rubin, Ann. Statist. 9, 1981; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13, 2018
-    (pseudo-BMA+).
-    """
-    mine = next(r for r in rated if r.candidate is own)
-    near = [r for r in rated if r.joint == mine.joint and r.fall.size == mine.fall.size]
-    # over all joints: what a law of two joints takes on the other one is its own, too
-    noise = np.minimum.reduce([r.errors.power for r in near])
-    weight = moves / np.maximum(noise, 1e-300)
-    falls = np.stack([(r.now.squared - r.errors.squared) @ weight for r in near])
-    draws = np.random.default_rng(0).dirichlet(np.ones(falls.shape[1]), DRAWS)
-    total = draws @ falls.T
-    top = total.max(axis=1)
-    order = sorted(
-        range(len(near)), key=lambda k: (near[k].candidate is not own, near[k].candidate.dof)
-    )
-    good = total >= (top * (1 - DISCREPANCY))[:, None]
-    first = np.argmax(good[:, order], axis=1)
-    share = np.bincount(first, minlength=len(near)) / DRAWS
-    return [(near[k], float(share[n])) for n, k in enumerate(order)]
-
-
-def shares(search: Search) -> dict[tuple[str, int], tuple[float, str]]:
-    """What each name takes of all that it and any free function take, and that one's variables.
-
-        share = D / (D + G),
-
-    D the fall of the held-out mean square error by the name, and G by how much a free function
-    does better: in its place, against the fall by that name; or beside all names of the joint,
-    against the fall by them together.  Only what is sure of G counts.
-    """
-    now, out = search.now, {}
-    if now.result.model.explains != "motor" or not search.found:
-        return {}
-    base = model_groups(now.result)
-    for j in sorted({c.joint for c in search.found}):
-        free = [g for what in COMPETITORS if (g := competitor(search.problem, j, what)) is not None]
-        for c in (c for c in search.found if c.joint == j):
-            free += foils(search.problem, c.term)
-        race = _Race(GramTable(search.problem, search.split, now.result.sigma, base, free), free, j)
-        every = [g.key for g in base]
-        taken = float(search.base.errors.power[j]) - race.power(every)
-        beside = race.best(every, every)
-        for c in (c for c in search.found if c.joint == j):
-            rest = [k for k in every if k != c.term.key]
-            own = race.power(rest) - race.power(every)
-            gain, words = beside
-            out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not replaced(c.term):  # what it replaced is not there to be put back
-                gain, words = race.best(rest, every)
-                stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
-                out[c.term.key] = min(
-                    out[c.term.key], (own / (own + gain) if stands else 0.0, words)
-                )
-    return out
-
-
-@dataclass(frozen=True)
-class _Race:
-    """A model of one joint, and free functions that run against its names."""
-
-    table: GramTable
-    free: list[Group]
-    joint: int
-
-    def power(self, keys: Sequence[Hashable]) -> float:
-        """Held-out mean square error of the joint."""
-        return float(self.table.errors(keys).power[self.joint])
-
-    def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
-        """What is sure of how much the best function with `keys` does better than `against`.
-
-        Sure by the fall of the squared error of blocks, or by that of its logarithm: where a few
-        blocks hold most of the error, the first says little of the rest.
-        """
-        start, j = self.table.errors(against), self.joint
-        gain, words = 0.0, ""
-        for g in self.free:
-            after = self.table.errors([*keys, g.key])
-            fall = start.squared[:, j] - after.squared[:, j]
-            sure = float(start.power[j] - after.power[j])
-            size = max(float(after.squared[:, j].mean()), 1e-300)
-            ratio = np.log((start.squared[:, j] + size) / (after.squared[:, j] + size))
-            certain = max(paired(fall), paired(ratio), 1e-9)
-            sure *= max(1.0 - SURE / certain, 0.0)
-            if sure > gain:
-                gain, words = sure, str(g.key[1])  # type: ignore[index]
-        return gain, words

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 from hil import progress
 from hil.diagnosis import remodel, rules
 from hil.diagnosis.attribution import as_use
-from hil.diagnosis.candidates import Rated, model_groups, paired, simplest, values_of
+from hil.diagnosis.candidates import (
+    Rated,
+    model_groups,
+    paired,
+    rate_together,
+    simplest,
+    values_of,
+)
 from hil.diagnosis.constants import ADEQUATE, BEYOND, HALF, RISEN, WORTH
 from hil.diagnosis.evidence import (
     CORRECTION,
@@ -469,10 +476,31 @@ class Search(Models):
         whole = [r for r in good if r.candidate.term.effect.scope.whole]
         if whole:
             best = max(whole, key=self.score)
-            rest = [p for p in picks if p.joint == best.joint]
-            if not rest or self.score(best) > self.score(rest[0]):
+            if self.score(best) > self._instead_of(best, own, picks):
                 return [best]
         return picks
+
+    def _instead_of(self, whole: Rated, own: list[Rated], picks: list[Rated]) -> float:
+        """Score of what stands in the place of an effect of the whole robot: the pick of its joint.
+
+        A difference between runs may be one of the robot, or one on each joint: of what differs
+        between runs the best of every joint count together.
+        """
+        rest = max((self.score(p) for p in picks if p.joint == whole.joint), default=-np.inf)
+        if not whole.candidate.term.per_run:
+            return rest
+        apart = [
+            simplest(mine, self.score)
+            for j in self.moves
+            if (mine := [r for r in own if r.joint == j and r.candidate.term.per_run])
+        ]
+        return max(rest, self.together(apart)) if len(apart) > 1 else rest
+
+    def together(self, some: Sequence[Rated]) -> float:
+        """Score of several candidates as of one."""
+        each = [r.candidate for r in some]
+        now, errors = rate_together(self.now.result, self.split, each)
+        return self._scored(now, errors, [(c, r.joint) for c, r in zip(each, some, strict=True)])
 
     def score(self, r: Rated) -> float:
         """Evidence for a candidate over all joints that move, less the price of its values.
@@ -482,13 +510,18 @@ class Search(Models):
         with N_j independent instants, by the correlation of what the largest model leaves.
         Source: Schwarz, Ann. Statist. 6, 1978.
         """
-        now, moves = r.now, ~self.problem.holds
+        return self._scored(r.now, r.errors, [(r.candidate, r.joint)])
+
+    def _scored(
+        self, now: BlockErrors, errors: BlockErrors, added: Sequence[tuple[Candidate, int]]
+    ) -> float:
+        """The same of errors without and with some candidates, each with its joint."""
+        moves = ~self.problem.holds
         colour = self.first.floor.inflation if self.first else np.ones(self.problem.d)
         count = np.maximum(now.count.sum(axis=0) / colour, 2.0)
-        ratio = np.maximum(now.power, 1e-300) / np.maximum(r.errors.power, 1e-300)
-        net = max(r.candidate.dof - self.replaced(r.candidate), 1)
-        price = net * np.log(float(count[r.joint]))
-        return float(np.sum((count * np.log(ratio))[moves])) - float(price)
+        ratio = np.maximum(now.power, 1e-300) / np.maximum(errors.power, 1e-300)
+        price = sum(max(c.dof - self.replaced(c), 1) * float(np.log(count[j])) for c, j in added)
+        return float(np.sum((count * np.log(ratio))[moves])) - price
 
     def _added(self, picks: list[Rated], joints: list[int]) -> list[int]:
         """Fit with the picks; those that do not hold after the fit are refused.

@@ -10,8 +10,7 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis.attribution import described_odds
-from hil.diagnosis.naming import Named
+from hil.diagnosis.attribution import Named, described_odds
 from hil.record.recording import RobotSource
 
 #: Weight times distance of its centre [N m], inertia about the pivot [kg m^2], spring [N m/rad].

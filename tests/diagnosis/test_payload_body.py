@@ -8,7 +8,10 @@ import pytest
 
 import hil
 from hil.commands.diagnose import text
-from hil.diagnosis.types import Diagnosis
+from hil.diagnosis.attribution import Named
+from hil.diagnosis.types import Candidate, Diagnosis
+from hil.identify.design import Term
+from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.models.model import Use, Value, base_model
 from hil.record.recording import Recording, RobotSource
@@ -86,6 +89,52 @@ def test_held_out_runs_with_and_without_the_body(
     assert said in [w["text"] for w in diagnosis_json(answer)["warnings"]]
     diagnosis_report(answer, tmp_path / "r.html")
     assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", ["offsets", "body"])
+def test_offsets_of_a_run_are_told_from_a_body_in_a_small_motion(kind: str) -> None:
+    """Offsets as large as the mean effort of a body: two values, and fewer than a body has."""
+    still = {"axes": PITCH, "seconds": 10.0, "reach": 0.03, "posture": 0.8}
+    first, second, loaded = (
+        plants.serial_arm(2, k, of, **still) for k, of in ((1, 0), (2, 0), (2, 2))
+    )
+    more = (loaded.tau - second.tau).mean(axis=0)
+    other = loaded if kind == "body" else replace(second, tau=second.tau + more)
+    answer = hil.diagnose([first, other], base_model(first.robot))
+    names = {"offsets": {"torque-offset"}, "body": {"payload"}}[kind]
+    assert answer.verdict == "missing-effect" and {f.effect for f in answer.findings} == names
+    assert all(f.confidence > 0.9 for f in answer.findings)
+
+
+def test_offsets_of_every_joint_and_run_hide_no_friction() -> None:
+    """One payload had been named for three offsets, and beside it no other effect was sure."""
+    runs = []
+    for k, offsets in ((1, [0.08, -0.92, 0.85]), (2, [0.07, 0.18, 0.47])):
+        run = plants.serial_arm(3, k, axes=("0 1 0",) * 3, seconds=10.0, reach=0.3, posture=0.8)
+        v = np.gradient(run.q[:, 1], run.t)
+        tau = run.tau + offsets
+        tau[:, 1] += np.exp(-((v / 0.05) ** 2)) * np.tanh(v / 0.01)
+        runs.append(replace(run, tau=tau))
+    answer = hil.diagnose(runs, base_model(runs[0].robot))
+    named = {(f.effect, f.joint) for f in answer.findings if f.confidence > 0.75}
+    assert ("stribeck", "joint2") in named
+    assert {("torque-offset", f"joint{k}") for k in (2, 3)} <= named
+    assert "payload" not in {effect for effect, _ in named}
+
+
+def test_another_explanation_of_several_effects_is_weighed_as_one() -> None:
+    """It takes the place of one of its effects that was a rival alone, and shares what is left."""
+    own, one, other = (
+        Candidate(Term(catalogue.get("torque-offset"), j, per_run=True), 0.0, 0.0)
+        for j in (0, 1, 2)
+    )
+    before = Named(own, 0.6, [one], [(0.4, 0.3)], (0.6, 0.7))
+    after = before.against([one, other], (0.5, 0.8))
+    assert after.rivals == [one, other] and after.confidence == pytest.approx(0.5)
+    for way, share in ((0, 0.5), (1, 0.8)):
+        assert after.own[way] == pytest.approx(share)
+        assert after.odds[0][way] == pytest.approx(1.0 - share)
+    assert before.against([other], (0.99, 0.98)).rivals == [one]
 
 
 def test_an_offset_of_a_held_out_run_s_own_is_said() -> None:

@@ -4,18 +4,21 @@ from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
 
+import numpy as np
 import plants
 import pytest
 
 from hil.cli import main
 from hil.commands.compare import text as compared
-from hil.commands.diagnose import text
+from hil.commands.diagnose import short, text
 from hil.diagnosis import engine
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import COMMON
 from hil.models.model import base_model
 from hil.record.export import write_recordings
+from hil.report.data import from_diagnosis
+from hil.report.text import headline
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +89,48 @@ def test_a_held_out_session_that_goes_farther_is_no_other_rig():
     assert d.verdict == "unexplained" and "end-stop would explain" in told
     assert "the motion of stop1 can hardly show it" in told
     assert "the sessions differ" not in told and "[offsets]" not in told
+
+
+@pytest.fixture(scope="module")
+def half_named():
+    """Two joints: a law of the catalogue on one, friction that fades as it slides on the other."""
+    run = plants.serial_arm(2, 1, axes=("0 1 0",) * 2, seconds=12.0)
+    v = np.gradient(run.q, run.t, axis=0)
+    slid, fresh = 0.0, np.empty(run.t.size)
+    for k in range(run.t.size):
+        turned = k > 0 and v[k, 1] * v[k - 1, 1] < 0
+        slid = 0.0 if turned else slid + abs(v[k, 1]) * 0.004
+        fresh[k] = np.exp(-slid / 0.15) * np.tanh(v[k, 1] / 0.01)
+    low = 0.3 * np.exp(-((v[:, 0] / 0.1) ** 2)) * np.tanh(v[:, 0] / 0.01)
+    run = replace(run, tau=run.tau + np.stack([low, 1.5 * fresh], axis=1))
+    return diagnose([run], base_model(run.robot))
+
+
+def test_what_has_no_name_is_said_first_with_its_joint_its_size_and_its_variable(half_named):
+    d = half_named
+    assert {f.joint for f in d.findings} == {"joint1"}
+    shown = short(d, ladder(d), None)
+    first = shown.splitlines()[0]
+    assert first.endswith("On joint2 more is missing, and no effect of the catalogue explains it.")
+    (left,) = [line for line in shown.splitlines() if "error of joint2 is still" in line]
+    assert "A function of its position and speed could explain" in left
+    assert headline(from_diagnosis(d)).endswith(first.split(". ")[1])
+
+
+def test_each_figure_of_what_is_left_has_its_model(half_named):
+    """Without the corrections and with them: two figures of one joint looked like one too many."""
+    d = half_named
+    assert d.corrected
+    named, last = (s.heldout.rms[1] / d.noise[1] for s in (d.explained, d.ladder[-1]))
+    shown = short(d, ladder(d), None)
+    assert (
+        f"is still {named:.2f} times the noise floor, and {last:.2f} times with the corrections "
+        "below" in shown
+    )
+    assert "joint2" in shown.split("error/floor")[1].split("error %:")[0]
+
+
+def test_an_unexplained_joint_is_in_the_verdict(half_named):
+    d = replace(half_named, verdict="unexplained", findings=[])
+    first = short(d, ladder(d), None).splitlines()[0]
+    assert first.endswith("an effect is missing on joint2, and none in the catalogue explains it.")
