@@ -17,7 +17,7 @@ _ARITHMETIC = {
         *("STEPS", "LEAST", "FINE", "MOST", "OVERTONES", "HILLS", "PEAKS", "ABOUT"),
     },
     "attribution": {"FURTHER"},
-    "candidates": {"SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
+    "candidates": {"DRAWS", "SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
     "postures": {"INSTANTS", "STEPS", "EARTH", "SAME"},
     "equivalence": {"PROBE", "UNSHOWN", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
@@ -27,7 +27,7 @@ _ARITHMETIC = {
     },
     "grams": {"BOUND_ROUNDS"},
     "heldout": {"RESOLUTION_RATIO"},
-    "naming": {"DRAWS", "STARTS", "ROUNDS"},
+    "naming": {"STARTS", "ROUNDS"},
     "residual_tests": {
         "INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED", "FORCE",
     },
