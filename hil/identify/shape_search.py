@@ -594,7 +594,8 @@ def line_search(
     width = 2 * (c - a)
     for step in range(GOLDEN_STEPS):
         x, promise = _vertex(f, a, b, c)
-        if promise < tolerance and step:
+        level = f(b) - min(f(a), f(c)) < tolerance
+        if promise < tolerance and (step or level):
             break
         trusted = promise >= tolerance and c - a < 0.7 * width
         x = _apart(a, b, c, x) if trusted else _golden(a, b, c)
