@@ -572,9 +572,9 @@ def line_search(
     """Place and value of a maximum of f on [a, c], found from a, b and c.
 
     Parabolas through the best three points, golden sections where they lead nowhere or close in
-    from one side only; at most twelve evaluations besides the three.  The first parabola may have
-    its vertex on b by chance, far from the maximum: that it promises no more is believed of the
-    next one, through a point more on the longer side.
+    from one side only; at most twelve evaluations besides the three.  Between uneven sides the
+    first parabola may have its vertex on b by chance, far from the maximum: that it promises no
+    more is believed of the next one, through a point more on the longer side.
 
     Parameters
     ----------
@@ -594,8 +594,8 @@ def line_search(
     width = 2 * (c - a)
     for step in range(GOLDEN_STEPS):
         x, promise = _vertex(f, a, b, c)
-        level = f(b) - min(f(a), f(c)) < tolerance
-        if promise < tolerance and (step or level):
+        uneven = min(b - a, c - b) < GOLDEN * (c - a) and f(b) - min(f(a), f(c)) >= tolerance
+        if promise < tolerance and (step or not uneven):
             break
         trusted = promise >= tolerance and c - a < 0.7 * width
         x = _apart(a, b, c, x) if trusted else _golden(a, b, c)
