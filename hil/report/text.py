@@ -29,7 +29,6 @@ from hil.diagnosis.residual_tests import (
 )
 from hil.diagnosis.types import (
     EITHER,
-    NO_MOTION,
     Finding,
     Indistinguishable,
     UnnamedCorrection,
