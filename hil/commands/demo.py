@@ -18,9 +18,8 @@ from hil.interrupt import saying
 from hil.models import catalogue
 from hil.models.model import base_model
 from hil.record.mcap_read import load
-from hil.report.data import diagnosis_json, ladder_json
+from hil.report.data import Files, diagnosis_json, ladder_json, with_files
 from hil.report.html import diagnosis_report
-from hil.report.text import Files, with_files
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 

@@ -31,13 +31,11 @@ from hil.models.effect import VALUE_DEVIATIONS, Lines, Trait, Waves
 from hil.models.model import Value, in_words, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
-from hil.report.data import diagnosis_json, from_diagnosis, ladder_json
+from hil.report.data import Files, command, diagnosis_json, from_diagnosis, ladder_json, with_files
 from hil.report.text import (
     ACCEPT,
     LEADING,
     TWO_ERRORS,
-    Files,
-    command,
     corrections,
     doubts,
     ended,
@@ -50,7 +48,6 @@ from hil.report.text import (
     remains,
     rest,
     where,
-    with_files,
 )
 
 SENTENCES = {

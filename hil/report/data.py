@@ -1,20 +1,23 @@
 """What a report is made of, from a diagnosis or a comparison; and the same as JSON.
 
-Results as the JSON of the contract.
+Results as the JSON of the contract, and the commands for what to do next, with files as typed.
 """
 
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import plausible, weights
-from hil.diagnosis.constants import ADEQUATE
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT
 from hil.diagnosis.equivalence import pairs, sets_of
 from hil.diagnosis.residual_tests import CHANGED, UNLIKE
 from hil.diagnosis.residuals import Region, regions
@@ -427,3 +430,96 @@ def ladder_json(rungs: list[Rung]) -> list[dict[str, object]]:
         }
         for r in rungs
     ]
+
+
+# ------------------------------------------------------------ commands
+
+
+@dataclass(frozen=True)
+class Files:
+    """What a diagnosis was made from, as it was typed, for the commands that a report suggests.
+
+    Parameters
+    ----------
+    sessions, holdout : tuple of str
+        Sessions that were fitted, and those that were judged on.
+    model : str
+        Model file; empty for the base model of the session's robot.
+    arm : str
+        Arm, if one was named.
+    more : tuple of str
+        Words that say which robot and joints, and what of a ROS bag.
+    """
+
+    sessions: tuple[str, ...] = ("SESSION.mcap",)
+    holdout: tuple[str, ...] = ()
+    model: str = "MODEL.toml"
+    arm: str = ""
+    more: tuple[str, ...] = ()
+
+    def options(self) -> list[str]:
+        """Words of a command line behind the model."""
+        held = [w for h in self.holdout for w in ("--holdout", h)]
+        arm = ["--arm", self.arm] if self.arm else []
+        return [*arm, "--session", *self.sessions, *held, *self.more]
+
+    def improved(self) -> list[str]:
+        """Words of a command line that takes the sessions first, and the model."""
+        named = ["--model", self.model] if self.model else []
+        held = [w for h in self.holdout for w in ("--holdout", h)]
+        arm = ["--arm", self.arm] if self.arm else []
+        return [*self.sessions, *arm, *named, *held, *self.more]
+
+    def better(self, k: int) -> str:
+        """Name of the k-th improved model, beside the model or the first session."""
+        return str(Path(self.model or self.sessions[0]).with_suffix(f".plus{k}.toml"))
+
+
+#: What `to_try` writes: effect and joint, in front of a session and a model that stand in.
+_ADD = re.compile(r"(hil add \S+) S\.mcap (--joint (?:'[^']*'|\S+))(?: --model M\.toml)?")
+
+
+def with_files(said: str, files: Files) -> str:
+    """Commands of `hil excite` and `hil add` with what was analysed, as it was typed.
+
+    The motion of a rig is planned within the limits of its file, which nobody has named.
+
+    Parameters
+    ----------
+    said : str
+        The command, or a sentence with one; or empty.
+    files : Files
+        What was analysed; the first of its sessions stands for the robot of a motion.
+    """
+    arm = ["--arm", files.arm] if files.arm else []
+    model = ["--model", files.model] if files.model else []
+    said = said.replace(" --model M.toml", "") if model else said
+    robot = ["hil", "excite", files.sessions[0], *files.more]
+
+    def named(found: re.Match[str]) -> str:
+        rig = found[0].endswith(" RIG.toml")
+        return shlex.join([*(found[0].split() if rig else robot), *arm, *model])
+
+    said = re.sub(r"hil excite (?:'[^']*'|\S+)", named, said)
+    adds = shlex.join([*model, *files.options()])
+    return _ADD.sub(lambda found: f"{found[1]} {found[2]} {adds}", said)
+
+
+def command(m: Material, files: Files | None = None) -> str:
+    """Commands that add the findings that are sure; empty if there is nothing to add.
+
+    Where the model holds corrections, too, the one that writes all of it.
+    """
+    names = files or Files()
+    if m.corrections:
+        return shlex.join(["hil", "improve", *names.improved(), "-o", names.better(1)])
+    if m.verdict != "missing-effect":
+        return ""
+    lines, source = [], names.model
+    sure = [f for f in m.findings if f.confidence >= CONFIDENT]
+    for k, f in enumerate(sure, 1):
+        words = ["hil", "add", f.effect, *(["--joint", f.joint] if f.joint else [])]
+        words += ["--model", source] if source else []
+        source = names.better(k)
+        lines.append(shlex.join([*words, *names.options(), "-o", source]))
+    return "\n".join(lines)

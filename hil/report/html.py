@@ -18,7 +18,15 @@ from hil.models.model import Value, in_words, remark, without_error
 from hil.record.checks import OF_UNITS
 from hil.record.recording import Recording
 from hil.report import text
-from hil.report.data import COMPARED, Material, from_comparison, from_diagnosis, number
+from hil.report.data import (
+    COMPARED,
+    Files,
+    Material,
+    command,
+    from_comparison,
+    from_diagnosis,
+    number,
+)
 from hil.report.effects import effect_figure
 from hil.report.elements import (
     document,
@@ -40,7 +48,7 @@ from hil.report.figures import (
     trace_figure,
     view_figures,
 )
-from hil.report.text import LEADING, Files, command
+from hil.report.text import LEADING
 from hil.revision import source_revision
 from hil.userfile import write_text
 

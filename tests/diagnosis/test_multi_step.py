@@ -10,7 +10,7 @@ import hil
 from hil.diagnosis.verbs import rising, useless
 from hil.identify.multistep import MultiStep
 from hil.models.model import base_model
-from hil.report.text import Files, command
+from hil.report.data import Files, command
 
 
 def multi(power, diverged=0):

@@ -14,8 +14,8 @@ from hil.commands.diagnose import short
 from hil.diagnosis import rules
 from hil.diagnosis.verbs import ladder
 from hil.models.presliding import dahl_state
-from hil.report.data import from_diagnosis
-from hil.report.text import Files, details
+from hil.report.data import Files, from_diagnosis
+from hil.report.text import details
 
 
 def said(run, *more, holdout=None):

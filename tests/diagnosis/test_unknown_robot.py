@@ -16,8 +16,8 @@ from hil.diagnosis.types import Diagnosis
 from hil.models.model import base_model
 from hil.models.robots import undescribed
 from hil.record.recording import Recording, RobotSource
-from hil.report.data import from_diagnosis
-from hil.report.text import Files, command, details
+from hil.report.data import Files, command, from_diagnosis
+from hil.report.text import details
 
 
 @cache

@@ -21,10 +21,10 @@ from hil.identify import bands
 from hil.models import catalogue
 from hil.models.model import Value
 from hil.models.parts import Trait
-from hil.report.data import diagnosis_json, from_diagnosis
+from hil.report.data import Files, diagnosis_json, from_diagnosis, with_files
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import AGAIN, CHECK_FIRST, Files, next_steps, percent, with_files
+from hil.report.text import AGAIN, CHECK_FIRST, next_steps, percent
 
 
 @pytest.fixture(scope="module")
