@@ -65,7 +65,7 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
         # two joints in a plane feel m, mx, mz and one moment of inertia
         pytest.param(2, 4, (0,), id="bare"),
         pytest.param(3, 10, (3,), id="loaded", marks=pytest.mark.slow),
-        pytest.param(2, 4, (0, 2), id="both"),
+        pytest.param(2, 4, (0, 2), id="both", marks=pytest.mark.slow),
     ],
 )
 def test_held_out_runs_with_and_without_the_body(

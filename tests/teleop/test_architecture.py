@@ -266,7 +266,9 @@ def drawn(rng, k):
     return architecture.named_design(name, wish), real
 
 
-@pytest.mark.parametrize("each", [0.002, 0.05, 0.2, 0.3, 0.5, 1.5])
+@pytest.mark.parametrize(
+    "each", [0.002, 0.05, 0.2, 0.3, 0.5, pytest.param(1.5, marks=pytest.mark.slow)]
+)
 def test_poles_and_margins_at_any_delay_are_those_of_the_argument_principle(each):
     rng, verdicts = np.random.default_rng(3), []
     for k in range(9):
