@@ -136,10 +136,10 @@ def remains(m: Material) -> str:
         return ""
     lead = "With the named effects alone the" if m.findings else "The"
     still = "still " if m.findings else ""
-    better = float(m.ratio(m.after)[j])
-    of = "" if not m.corrected else f", and {better:.2f} times with the corrections below"
+    now, better = f"{ratios[j]:.2f}", f"{m.ratio(m.after)[j]:.2f}"
+    of = "" if better == now else f", and {better} times with the corrections below"
     return (
-        f"{lead} error of {m.joints[j]} is {still}{ratios[j]:.2f} times the noise floor{of}"
+        f"{lead} error of {m.joints[j]} is {still}{now} times the noise floor{of}"
         f"{_variables(m, j)}. No further effect passes every test."
     )
 

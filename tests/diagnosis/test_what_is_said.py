@@ -18,7 +18,7 @@ from hil.diagnosis.verdict import COMMON
 from hil.models.model import base_model
 from hil.record.export import write_recordings
 from hil.report.data import from_diagnosis
-from hil.report.text import headline
+from hil.report.text import headline, remains
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +128,11 @@ def test_each_figure_of_what_is_left_has_its_model(half_named):
         "below" in shown
     )
     assert "joint2" in shown.split("error/floor")[1].split("error %:")[0]
+    m = from_diagnosis(d)
+    own = m.rungs[: len(m.rungs) - m.corrected]
+    same = replace(m, rungs=[*own, own[-1]], corrected=1)  # a correction that is none here
+    said = remains(same)
+    assert f"is still {named:.2f} times the noise floor" in said and "with the corr" not in said
 
 
 def test_an_unexplained_joint_is_in_the_verdict(half_named):
