@@ -16,7 +16,7 @@ have a transform X_d of their own of length M, and
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -281,90 +281,70 @@ def _excitation_notes(excitation: Sequence[Excitation]) -> list[tuple[str, str]]
 
 def timing_notes(t: Timing) -> list[tuple[str, str]]:
     """What was done to the rows: (code, sentence)."""
-    out = []
-    if t.repeated:
-        out.append(
-            (
-                "time-repeated",
-                f"{_rows(t.repeated)} left out: same time and values as the row before",
-            )
-        )
-    if t.stale and t.excess:
-        out.append(
-            (
-                "stale-rows",
-                f"{_rows(t.stale)} repeat all values of the row before and the motion continues "
-                "without them: left out as extra; the period is "
-                f"{t.period * 1e3:.5g} ms",
-            )
-        )
-    elif t.stale:
-        out.append(
-            (
-                "stale-rows",
-                f"{_rows(t.stale)} repeat all values of the row before: taken as missing",
-            )
-        )
-    for name, hold in t.held.items():
-        out.append(
-            (
-                "held-samples",
-                f"{name} holds each value for {hold} rows: it was measured at "
-                f"{t.rate / hold:.4g} Hz and is used at that rate",
-            )
-        )
-    if t.wrong:
-        out.append(
-            (
-                "spike",
-                f"{plural(t.wrong, 'spike')} of one row replaced by interpolation of the "
-                "neighbours",
-            )
-        )
-    if t.queued:
-        out.append(
-            (
-                "irregular-time",
-                f"up to {t.queued} rows come at once, as from a queue, so that their stamps are "
-                "those of their arrival: rows are taken as evenly spaced, with a period of "
-                f"{t.period * 1e3:.5g} ms",
-            )
-        )
-    if t.reading == "stamps":
-        out.append(
-            (
-                "irregular-time",
-                f"time stamps vary by {t.jitter * 1e3:.2g} ms rms and the "
-                "positions follow them: resampled to an even grid",
-            )
-        )
-    elif t.jitter > 0.02 * t.period:
-        out.append(
-            (
-                "irregular-time",
-                f"time stamps vary by {t.jitter * 1e3:.2g} ms rms and the "
-                "positions do not follow them: rows are taken as evenly spaced",
-            )
-        )
+    out = [*_of_rows(t), *_of_stamps(t)]
     if t.gaps:
         out.append(("gap", _gaps(t)))
     if t.drift:
-        size, side = abs(t.late), "late" if t.late > 0 else "early"
-        start = f"{size * 1e3:.3g} ms {side}" if size > t.period else "in time"
-        more = "later" if t.drift > 0 else "earlier"
-        out.append(
-            (
-                "two-clocks",
-                f"the efforts are {start} against the positions at the start, and by "
-                f"{abs(t.drift) * 1e3:.4g} ms {more} with every second: two clocks that differ by "
-                f"{abs(t.drift):.2%}. Efforts are taken by the clock of the positions, and what "
-                "lies beyond them is left out. To use other values, set clock_ppm and shift_s "
-                "under [signal] of a map and import again",
-            )
-        )
+        out.append(("two-clocks", _clocks(t)))
     if t.dropped:
         out.append(("gap", f"{t.dropped:.3g} s left out: parts too short to use alone"))
     return out
+
+
+def _of_rows(t: Timing) -> Iterator[tuple[str, str]]:
+    """Rows that came twice, values that were held, and spikes: (code, sentence)."""
+    if t.repeated:
+        text = f"{_rows(t.repeated)} left out: same time and values as the row before"
+        yield "time-repeated", text
+    if t.stale:
+        text = f"{_rows(t.stale)} repeat all values of the row before"
+        extra = (
+            " and the motion continues without them: left out as extra; the period is "
+            f"{t.period * 1e3:.5g} ms"
+        )
+        yield "stale-rows", text + (extra if t.excess else ": taken as missing")
+    for name, hold in t.held.items():
+        text = (
+            f"{name} holds each value for {hold} rows: it was measured at {t.rate / hold:.4g} Hz "
+            "and is used at that rate"
+        )
+        yield "held-samples", text
+    if t.wrong:
+        many = plural(t.wrong, "spike")
+        yield "spike", f"{many} of one row replaced by interpolation of the neighbours"
+
+
+def _of_stamps(t: Timing) -> Iterator[tuple[str, str]]:
+    """Stamps that come at once, or vary: (code, sentence)."""
+    if t.queued:
+        text = (
+            f"up to {t.queued} rows come at once, as from a queue, so that their stamps are those "
+            "of their arrival: rows are taken as evenly spaced, with a period of "
+            f"{t.period * 1e3:.5g} ms"
+        )
+        yield "irregular-time", text
+    followed = t.reading == "stamps"
+    if followed or t.jitter > 0.02 * t.period:
+        how = (
+            "positions follow them: resampled to an even grid"
+            if followed
+            else "positions do not follow them: rows are taken as evenly spaced"
+        )
+        yield "irregular-time", f"time stamps vary by {t.jitter * 1e3:.2g} ms rms and the {how}"
+
+
+def _clocks(t: Timing) -> str:
+    """How the clock of the efforts differs from that of the positions, and what was done."""
+    size, side = abs(t.late), "late" if t.late > 0 else "early"
+    start = f"{size * 1e3:.3g} ms {side}" if size > t.period else "in time"
+    more = "later" if t.drift > 0 else "earlier"
+    return (
+        f"the efforts are {start} against the positions at the start, and by "
+        f"{abs(t.drift) * 1e3:.4g} ms {more} with every second: two clocks that differ by "
+        f"{abs(t.drift):.2%}. Efforts are taken by the clock of the positions, and what "
+        "lies beyond them is left out. To use other values, set clock_ppm and shift_s "
+        "under [signal] of a map and import again"
+    )
 
 
 def _gaps(t: Timing) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.identify import bands
-from hil.identify.clock import Timing
+from hil.identify.clock import Even, Timing
 from hil.identify.column_cache import Kept, Seen, watched
 from hil.identify.prepare import (
     Decimator,
@@ -233,22 +233,7 @@ class Rows:
         lows = np.min([r.q.min(axis=0) for r in self.recordings], axis=0)
         highs = np.max([r.q.max(axis=0) for r in self.recordings], axis=0)
         self.span = np.stack([lows, highs], axis=1) if span is None else span
-        self.motions: list[Motion] = []
-        self._filters: list[Decimator] = []
-        self._still: list[FloatArray] = []
-        self._spoilt: list[FloatArray] = []
-        for part in parts:
-            made_of = prepare(part, self.robot, self.rates, self.span, explains)
-            motion, still, spoilt, decimator = made_of
-            self.motions.append(motion)
-            self._still.append(still)
-            self._spoilt.append(spoilt)
-            self._filters.append(decimator)
-        rows = [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
-        #: Whether efforts are values of instants, see `hil.identify.prepare.at_instants`.
-        self.of_instants = explains == "motor" and at_instants(rows)
-        if self.of_instants:
-            self.motions = [replace(m, average=0.0) for m in self.motions]
+        self._move(parts)
         self._share_slips()
         self._assemble()
         #: How the motor efforts are aligned.
@@ -274,6 +259,21 @@ class Rows:
         #: What it was made of, and what a fit changes, as it was before any.
         self._asked = (tuple(recordings), robot, explains, band, rates)
         self._first = (tuple(self.motions), self.y, self.effort)
+
+    def _move(self, parts: Sequence[Even]) -> None:
+        """Motion, standstill, bridges and filter of each part."""
+        prepared = [
+            prepare(part, self.robot, self.rates, self.span, self.explains) for part in parts
+        ]
+        self.motions: list[Motion] = [motion for motion, *_ in prepared]
+        self._still: list[FloatArray] = [still for _, still, *_ in prepared]
+        self._spoilt: list[FloatArray] = [spoilt for *_, spoilt, _ in prepared]
+        self._filters: list[Decimator] = [decimator for *_, decimator in prepared]
+        rows = [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
+        #: Whether efforts are values of instants, see `hil.identify.prepare.at_instants`.
+        self.of_instants = self.explains == "motor" and at_instants(rows)
+        if self.of_instants:
+            self.motions = [replace(m, average=0.0) for m in self.motions]
 
     @property
     def d(self) -> int:

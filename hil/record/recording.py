@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.record.jumps import TURN, Jumps, jumps, wraps
 from hil.shown import Shown
 
@@ -262,9 +262,22 @@ class Recording(Shown):
 
     @property
     def left_out(self) -> list[tuple[float, float]]:
-        """First and last times [s] of what enters no equation."""
-        x = [float(t) for t in self.metadata.get(LEFT_OUT, "").split()]
-        return list(zip(x[::2], x[1::2], strict=True))
+        """First and last times [s] of what enters no equation.
+
+        Raises
+        ------
+        DataError
+            If the metadata hold no pairs of times.
+        """
+        said = self.metadata.get(LEFT_OUT, "")
+        try:
+            x = [float(t) for t in said.split()]
+            return list(zip(x[::2], x[1::2], strict=True))
+        except ValueError:
+            raise DataError(
+                f"recording {self.name!r}: {LEFT_OUT} = {said!r} in its metadata is no list of "
+                "first and last times [s]; take this entry out and read the recording again"
+            ) from None
 
     def leaving_out(self, spans: Sequence[tuple[float, float]]) -> Recording:
         """The recording, of which some times enter no equation."""

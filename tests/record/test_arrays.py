@@ -359,3 +359,13 @@ def test_a_run_that_is_given_twice_counts_once():
     with pytest.warns(UserWarning, match="again holds the same data as .*; left out"):
         kept = as_runs([run, again], "hil.fit")
     assert len(kept) == 1 and kept[0] is run
+
+
+@pytest.mark.parametrize("said", ["abc", "1.0", "1.0 2.0 3.0"])
+def test_times_to_leave_out_that_are_none_are_refused_by_name(said):
+    """A file may say anything in its metadata."""
+    run = plants.smooth_axis(1)
+    assert run.leaving_out([(1.0, 2.5), (4.0, 5.0)]).left_out == [(1.0, 2.5), (4.0, 5.0)]
+    odd = replace(run, metadata={**run.metadata, "left_out_s": said})
+    with pytest.raises(DataError, match=f"left_out_s = '{said}' in its metadata"):
+        hil.fit([odd], hil.base_model(run.robot))
