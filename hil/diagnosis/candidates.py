@@ -26,7 +26,7 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.folds import split as dealt
 from hil.diagnosis.grams import BlockErrors, GramTable, Group
 from hil.diagnosis.types import Candidate
-from hil.identify.design import Key, Term, block, replaced
+from hil.identify.design import Key, Term, block, comes_back, replaced
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
@@ -501,7 +501,8 @@ def shares(
             own = race.power(rest) - race.power(every)
             gain, words = beside
             out[c.term.key] = (taken / (taken + gain) if taken > 0 else 0.0, words)
-            if not replaced(c.term):  # what it replaced is not there to be put back
+            # what it took the place of is not there to be put back
+            if not comes_back(c.term, result.model, problem.joints):
                 gain, words = race.best(rest, every)
                 stands = own > 0 and gain <= (0.0 if words == FOIL else BEATEN) * own
                 out[c.term.key] = min(

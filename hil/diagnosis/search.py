@@ -38,7 +38,7 @@ from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.remodel import Models, Visited, missed, without
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew
-from hil.identify.design import replaced
+from hil.identify.design import comes_back, replaced
 from hil.identify.problem import Alignment
 from hil.identify.screening import USUAL
 from hil.identify.shape_search import expected_sign, rounder
@@ -649,7 +649,9 @@ class Search(Models):
         for c in list(self.found):
             now = self.now
             key = c.term.key
-            if not any(t.key == key for t in now.result.terms) or replaced(c.term):
+            model, joints = now.result.model, self.problem.joints
+            there = any(t.key == key for t in now.result.terms)
+            if not there or comes_back(c.term, model, joints):
                 continue
             groups = model_groups(now.result)
             table = GramTable(self.problem, self.split, now.result.sigma, groups)
@@ -660,7 +662,7 @@ class Search(Models):
                 continue
             rung = self.rung(
                 f"- {describe(c, self.problem)}",
-                without(now.result.model, c, self.problem),
+                without(model, c, self.problem),
                 now.result.sigma,
             )
             if not missed(rung.errors, now.errors, feel):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -63,6 +64,14 @@ def replaced(term: Term) -> set[Key]:
     """
     gone = {(name, term.joint) for name in term.effect.relations.replaces}
     return gone | {term.key} if term.per_run and not term.effect.variation.relative else gone
+
+
+def comes_back(term: Term, model: RobotModel, joints: Sequence[str]) -> bool:
+    """Whether a model holds what a term takes the place of, and has it again without the term."""
+    gone = replaced(term)
+    rest = [u for u in model.effects if u.type != term.effect.name or not u.options.get("per_run")]
+    there = [(u, j) for u in rest for name, j in gone if u.type == name]
+    return any(u.joints == ("*",) or joints[j] in u.joints for u, j in there)
 
 
 def head(effect: Effect, j: int) -> str:

@@ -297,3 +297,24 @@ def test_an_effect_that_only_brought_another_sign_is_taken_out() -> None:
     search.found = [c]
     search.backward()
     assert search.found == [] and search.now.step.label == "- stribeck on joint1"
+
+
+def test_what_every_run_has_by_itself_is_taken_out_where_it_does_nothing() -> None:
+    """It takes the place of a value for all runs, but the model holds none that would come back."""
+    runs = [plants.pickup(seed, "none", f"run{seed}") for seed in (1, 2)]
+    model = hil.base_model(runs[0].robot)
+    problem = of_model(runs, model)
+    search = Search(problem, split(problem), Examiner(problem, []))
+    first = search.judged("base model", fit_aligned(problem, model))
+    search.rungs.append(first)
+    search.first, rated = search.evidence([1])
+    names = ("missed-counts", "torque-offset")
+    each = {n: next(r.candidate for r in rated if r.candidate.name == n) for n in names}
+    lost, offset = (each[n] for n in names)
+    assert lost.term.per_run and offset.term.per_run
+    with_both = first.result.model + as_use(lost, problem) + as_use(offset, problem)
+    search.rungs.append(search.rung("+ both", with_both))
+    search.found = [lost, offset]
+    search.backward()
+    # the base model's own offset would come back for the other one
+    assert search.found == [offset] and search.now.step.label == "- missed-counts on joint2"
