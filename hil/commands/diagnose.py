@@ -44,6 +44,7 @@ from hil.report.text import (
     headline,
     laws,
     next_steps,
+    of_geometry,
     percent,
     remains,
     rest,
@@ -61,14 +62,13 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False, files: Files | None = None) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
+    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict(d))}"]
     if not d.ladder:
         return "\n".join([*lines, *dict.fromkeys(f"  {ended(w)}" for _, w in d.warnings)])
     if d.verdict == "not-identifiable":
-        lines += [f"  {w}." for _, w in d.warnings]
+        lines += [f"  {w}." for code, w in d.warnings if code != NO_GEOMETRY]
     else:
         lines += [f"  {w}" for w in doubts(d.warnings)]
-    lines += [f"  {w}." for code, w in d.warnings if code == NO_GEOMETRY]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
     lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
@@ -96,6 +96,11 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False, files: Files | 
     return "\n".join(lines)
 
 
+def _lacks(d: Diagnosis) -> list[str]:
+    """What is said before the verdict: that the robot description is missing, and what follows."""
+    return [line for code, w in d.warnings if code == NO_GEOMETRY for line in (ended(w), "")]
+
+
 def _line(said: str) -> str:
     """Sentences on a line, and their commands on lines of their own."""
     return f"  {ended(said)}".replace("\n", "\n    ")
@@ -118,7 +123,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
     m = from_diagnosis(d)
-    lines = [f"Verdict: {_of_arm(d, verdict(d))}"]
+    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict(d))}"]
     if doubtful := doubts(d.warnings):
         lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
@@ -130,7 +135,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         lines += [f"  {name}: {said}" for name, said in noted if said]
     lines += ["", _joints_table(d, rungs)]
     said = [line.strip() for line in _left(d)[1:]]
-    said += dict.fromkeys(w for code, w in d.warnings if code in LEADING)
+    beside = set(LEADING) - {NO_GEOMETRY}
+    said += dict.fromkeys(w for code, w in d.warnings if code in beside)
     said += _worse(rising(rungs))
     said += [f"{where(f)} has no name: {f.reason}" for f in d.partial if d.findings]
     if d.corrections:
@@ -389,6 +395,9 @@ def verdict(d: Diagnosis) -> str:
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
         blurred = blurred_above(d.warnings, ratio)
         return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
+    if d.verdict == "ambiguous" and of_geometry(d.findings):
+        said = headline(from_diagnosis(d, simulated=False))
+        return f"ambiguous: {said[0].lower()}{said[1:]}"
     if d.verdict == "unexplained" and d.ladder:
         said = headline(from_diagnosis(d, simulated=False))
         return f"unexplained: {said[0].lower()}{said[1:]}"

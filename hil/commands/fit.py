@@ -9,6 +9,7 @@ from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
 from hil.diagnosis.heldout import Examiner
+from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.errors import ConfigError, plural
 from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
@@ -146,13 +147,14 @@ def text(result: FitResult) -> str:
     relative = ", ".join(
         f"{j} {x:.2f} %" for j, x in zip(result.problem.joints, result.relative, strict=True)
     )
+    first = "".join(f"{w}.\n\n" for code, w in result.warnings if code == NO_GEOMETRY)
     return (
-        f"{out}\n\n  relative error (fitted data): {relative}\n"
+        f"{first}{out}\n\n  relative error (fitted data): {relative}\n"
         f"  {result.basis.rank} of {result.x.shape[1]} directions determined, condition number "
         f"{result.basis.condition:.3g}, band up to {result.problem.rates.effort:.3g} Hz"
         + _described(result)
         + _about(result)
-        + "".join(f"\n  warning: {text}" for _, text in result.warnings)
+        + "".join(f"\n  warning: {w}" for code, w in result.warnings if code != NO_GEOMETRY)
     )
 
 

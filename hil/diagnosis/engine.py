@@ -63,6 +63,7 @@ from hil.diagnosis.types import (
 )
 from hil.diagnosis.verdict import (
     NO_GEOMETRY,
+    OF_GEOMETRY,
     REFUSED,
     finish,
     matters,
@@ -386,7 +387,8 @@ def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
         if now is not before:
             c = now.candidate
             names = dict.fromkeys(rival_name(r, c, problem) for r in now.rivals)
-            sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), 1.0)
+            most = HALF if f.reason.startswith(OF_GEOMETRY) else 1.0
+            sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), most)
             why = "" if not names and f.reason == AS_WELL else f.reason
             out.findings[k] = replace(f, confidence=round(sure, 3), rivals=list(names), reason=why)
     if out.verdict == "ambiguous":
@@ -418,7 +420,7 @@ def with_laws(made: list[UnnamedCorrection], search: Search) -> list[UnnamedCorr
 #: What names mean where the geometry is unknown.
 MEANS = (
     "Sums of sines and cosines without a name replace these. Effects are named only for the error "
-    "that is left beside these sums; what may be gravity gets no name."
+    "that is left beside these sums; what may be gravity gets no name, or no sure one."
 )
 
 
@@ -458,12 +460,14 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     taken = shares(end, search.split, search.found, search.base.errors.power)
     every = [finding(n, search, floor, other, taken) for n in named]
     every = weightless(every, named, end)
+    over = above(search, last, there, named)
+    every = shapeless(every, search, over)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
     # what stands for a robot description explains nothing either
     stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
-    lacking = bool(np.any(above(search, last, there, named))) or bool(stands)
+    lacking = bool(np.any(over)) or bool(stands)
     verdict = _verdict(findings, partial, lacking)
     out = Diagnosis(
         verdict, findings, ladder, search.first or last, last, floor, notes(end, last), partial
@@ -498,6 +502,30 @@ def weightless(every: list[Finding], named: list[Named], result: FitResult) -> l
             f = replace(f, confidence=min(f.confidence, HALF), reason=why)
         out.append(f)
     return out
+
+
+def shapeless(every: list[Finding], search: Search, over: NDArray[np.bool_]) -> list[Finding]:
+    """Findings, which are doubtful where an unknown geometry was not learnt down to the noise.
+
+    Gravity and the coupling of the joints act on all of them: what the sums in their place leave on
+    one joint may be what a law was named for on another.  Axes that all slide have neither.
+
+    Parameters
+    ----------
+    every : list of Finding
+        What was found.
+    search : Search
+        Knows whether the geometry is known.
+    over : ndarray (d,)
+        Joints whose error is above the noise floor.
+    """
+    problem = search.problem
+    turning = any(unit == "rad" for unit in problem.robot.units)
+    if not (search.blind and turning and np.any(over)):
+        return every
+    names = ", ".join(problem.joints[j] for j in np.flatnonzero(over).tolist())
+    why = f"{OF_GEOMETRY}, as the error of {names} above the noise floor may be"
+    return [replace(f, confidence=HALF, reason=why) if f.confidence > HALF else f for f in every]
 
 
 def unnamed(

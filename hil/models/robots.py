@@ -238,9 +238,9 @@ def undescribed(source: RobotSource, d: int, means: str = "") -> str:
     means = means or "Its values and errors hold what these do."
     return (
         f"{d} joints without a robot description: the model has no gravity, no inertia "
-        f"coupling and no kinematics. {means} Give --robot ARM.urdf, or its path in the studio "
-        "(of the maker, or what the topic or parameter robot_description holds; or with masses "
-        "and lengths of your own)"
+        f"coupling and no kinematics. {means} Give --robot ARM.urdf (in the studio: its path). "
+        "The maker of the arm has a URDF, and so has the topic or parameter robot_description; or "
+        "write one with masses and lengths of your own"
     )
 
 

@@ -34,6 +34,7 @@ from hil.diagnosis.verdict import (
     COMMON,
     HIGH_FLOOR,
     NO_GEOMETRY,
+    OF_GEOMETRY,
     REFUSED,
     matters,
     only_there,
@@ -303,6 +304,10 @@ def headline(m: Material) -> str:
         lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
         tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
         return f"The model lacks {lead}{listed(sure)}{tail}.{rest(m)}"
+    if m.verdict == "ambiguous" and of_geometry(m.findings):
+        return (
+            f"{NOT_LEARNT} may be what {names} {'stands' if len(m.findings) == 1 else 'stand'} for."
+        )
     if m.verdict == "ambiguous":
         return f"An effect is missing, most likely {names}. These data do not show which one it is."
     if m.verdict == "adequate" and apart(m):
@@ -355,6 +360,18 @@ UNDESCRIBED = (
     "The robot description is missing, and free functions replace it. The data do not show whether "
     "an effect is missing as well."
 )
+
+#: Verdict where names may stand for the missing description; the names follow.
+NOT_LEARNT = (
+    "The robot description is missing, and free functions in its place do not explain the data. "
+    "Gravity or the coupling of the joints"
+)
+
+
+def of_geometry(findings: Sequence[Finding]) -> bool:
+    """Whether names are doubtful because the robot description is missing, and only so."""
+    doubted = [f for f in findings if f.confidence < CONFIDENT]
+    return bool(doubted) and all(f.reason.startswith(OF_GEOMETRY) for f in doubted)
 
 
 def undescribed(
@@ -603,7 +620,7 @@ def next_steps(m: Material) -> list[str]:
             if f.confidence >= CONFIDENT
         ]
         return steps + [_doubted(f) for f in m.findings if f.confidence < CONFIDENT]
-    if _undescribed(m):
+    if _undescribed(m) or (m.verdict == "ambiguous" and of_geometry(m.findings)):
         return [DESCRIBE, AGAIN]
     if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in changed(m)):
         return _of_changes(m)

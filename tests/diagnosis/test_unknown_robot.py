@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -10,14 +12,16 @@ import pytest
 
 import hil
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import text
+from hil.commands.diagnose import short, text
+from hil.commands.fit import text as fit_text
 from hil.diagnosis import engine, preconditions
-from hil.diagnosis.types import Diagnosis
+from hil.diagnosis.constants import CONFIDENT, HALF
+from hil.diagnosis.types import Diagnosis, Finding
 from hil.models.model import base_model
 from hil.models.robots import undescribed
 from hil.record.recording import Recording, RobotSource
 from hil.report.data import Files, command, from_diagnosis
-from hil.report.text import details
+from hil.report.text import DESCRIBE, details, next_steps
 
 
 @cache
@@ -122,13 +126,43 @@ def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
     """The terminal and the report begin with it; the command writes the whole model."""
     d = diagnosed(0.8)
     lines = text(d, hil.ladder(d)).splitlines()
-    assert "without a robot description" in lines[1] and "--robot" in lines[1]
+    assert "without a robot description" in lines[0] and "--robot" in lines[0]
     assert sum("without a robot description" in line for line in lines) == 1
     assert "sines and cosines stand for the missing robot description on joint1" in " ".join(lines)
     m = from_diagnosis(d)
     assert "without a robot description" in details(m)[0]
     assert command(m, Files(("s.mcap",), model="")) == "hil improve s.mcap -o s.plus1.toml"
     assert any(u.type.startswith("generic") for u in d.model.effects)
+
+
+def test_no_name_is_sure_beside_a_geometry_that_was_not_learnt() -> None:
+    """What is left above the floor of one joint may be gravity on every joint; not where all slide.
+
+    A six-joint arm without its URDF had a torque-ripple at 1.00, beside errors of 7 floors.
+    """
+    d = copy(diagnosed(0.8))
+    (name,) = d.findings
+    assert name.confidence > CONFIDENT
+
+    def judged(blind: bool, unit: str, over: tuple[bool, bool]) -> list[Finding]:
+        robot = SimpleNamespace(units=(unit, unit))
+        problem = SimpleNamespace(robot=robot, joints=("joint1", "joint2"))
+        search = SimpleNamespace(blind=blind, problem=problem)
+        return engine.shapeless([name], search, np.array(over))
+
+    assert judged(True, "rad", (False, False)) == [name]
+    assert judged(False, "rad", (True, False)) == [name]
+    assert judged(True, "m", (True, False)) == [name]
+    d.findings = judged(True, "rad", (True, False))
+    assert d.findings[0].confidence == HALF
+    assert "may be gravity" in d.findings[0].reason and "joint1" in d.findings[0].reason
+    d.verdict = "ambiguous"
+    said = text(d, hil.ladder(d)).splitlines()
+    assert said[2].startswith("Verdict: ambiguous: the robot description is missing")
+    assert "may be what stribeck on joint2 stands for" in said[2]
+    assert next_steps(from_diagnosis(d))[0] == DESCRIBE
+    brief = short(d, hil.ladder(d), None).splitlines()
+    assert brief[0] == said[0] and brief[2] == said[2]
 
 
 def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
@@ -139,6 +173,7 @@ def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
     first = compare_text(compared).splitlines()[0]
     assert first.startswith("2 joints without a robot description: the model has no gravity")
     assert "Its values and errors hold what these do." in first and "--robot ARM.urdf" in first
+    assert fit_text(fitted).splitlines()[0] == first
     assert fitted.warnings[0][0] == "no-geometry" and fitted.warnings[0][1] in first
     assert "what may be gravity gets no name" in diagnosed().warnings[0][1]
     assert not undescribed(RobotSource("single-axis"), 1)
