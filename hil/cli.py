@@ -189,10 +189,10 @@ COMMANDS: dict[str, Command] = {
         "hil.commands.trust",
         "agree to what a model file (plugins) or a rig file (cut program) would run",
     ),
-    "info": Command("hil.commands.info", "channels, rates, gaps and data faults of sessions"),
+    "info": Command("hil.commands.info", "channels, rates, gaps and data faults of recordings"),
     "list": Command(
         "hil.commands.list",
-        "the sessions of a folder: rig, arms, date, length, tags, and whether they can be used",
+        "the recordings of a folder: rig, arms, date, length, tags, and whether they can be used",
         long=True,
     ),
     "view": Command(

@@ -1,6 +1,7 @@
-"""`hil info`: what a session holds, and what is wrong with it before anyone fits it.
+"""`hil info`: what a recording holds, and what is wrong with it before anyone fits it.
 
-It also says when the session was, and how its loop kept the pace.
+Of a session it also says when it was, and how its loop kept the pace; of a table or a ROS bag what
+was taken of it.
 """
 
 from __future__ import annotations
@@ -17,20 +18,22 @@ import numpy as np
 from mcap.reader import make_reader
 
 from hil import outputs, terminal
-from hil.commands import trust
+from hil.commands import common, trust
 from hil.errors import ConfigError, DataError, plural
+from hil.models.robots import undescribed
+from hil.record.bags import BagChoice
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.mcap_read import (
     ChannelSummary,
     SessionSummary,
     began,
-    load,
     read_attachments,
     summary,
 )
-from hil.record.recording import UNWRAPPED, Recording
+from hil.record.recording import BEGAN, BEGAN_BY, UNWRAPPED, Recording
 from hil.record.recovery import recover
+from hil.record.sources import every_arm, find, is_session, recorded, refuse_table_words
 from hil.rig import safety
 from hil.runtime.watchdog import WATCHDOG, beside, in_words, parsed
 from hil.userfile import read_text
@@ -59,6 +62,8 @@ def when(found: SessionSummary) -> str:
     first = min((c.first_s for c in counted), default=0.0)
     length = max((c.last_s for c in counted), default=0.0) - first
     date, by = began(found)
+    if not found.channels:
+        return f"{'recorded' if by == 'stamps' else 'last changed'} {date:%Y-%m-%d %H:%M:%S} UTC"
     if by == "file":  # of a session that says no date; its copies have others
         return f"{length:.4g} s"
     said = "recorded" if by == "stamps" else "table last changed"
@@ -106,23 +111,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "sessions",
         nargs="+",
         metavar="S.mcap",
-        help="sessions; of model and rig files (.toml), what they would run",
+        help="sessions, ROS bags, tables, or folders of them; of model and rig files (.toml), "
+        "what they would run",
     )
     parser.add_argument(
         "--recover",
         metavar="OUT.mcap",
         help="write what a cut-off session still holds",
     )
+    parser.add_argument("--arm", help="name of the arm of a table; arm to take of a bag")
+    common.add_sources(parser)
+    common.add_tables(parser)
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what the sessions hold."""
+    """Print what the recordings hold."""
     if args.recover:
         return _recover(args.sessions, Path(args.recover), args.json)
     files = [path for path in args.sessions if path.endswith(".toml")]
     run_by = [(path, what) for path in files for what in trust.executables(Path(path))]
-    seen = [_session(path) for path in args.sessions if path not in files]
+    choice = common.bag_choice(args)
+    paths = find(path for path in args.sessions if path not in files)
+    refuse_table_words(paths, choice.table)
+    seen = [_seen(path, choice) for path in paths]
     if args.json:
         entries = [_as_dict(*entry) for entry in seen]
         entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
@@ -170,9 +182,22 @@ class _Arm:
     lateness: Lateness | None = None
 
 
-def _session(path: str) -> tuple[SessionSummary, list[_Arm]]:
-    found = summary(path)
-    return found, [_arm(load(path, arm)) for arm in found.arms]
+def _seen(path: Path, choice: BagChoice) -> tuple[SessionSummary, list[_Arm]]:
+    """A session, or what else holds a recording, and its arms."""
+    if is_session(path):
+        return summary(path), [_arm(r) for r in every_arm(path, choice)]
+    runs = every_arm(path, choice)
+    return _source(path, runs), [_arm(r) for r in runs]
+
+
+def _source(path: Path, runs: list[Recording]) -> SessionSummary:
+    """Size and date of a table or a bag; it has no channels of this program."""
+    seconds, by = recorded(path, runs)
+    files = [p for p in path.rglob("*") if p.is_file()] if path.is_dir() else [path]
+    told = {BEGAN: f"{seconds:.3f}", BEGAN_BY: "stamps" if by == "stamps" else "table"}
+    size = sum(p.stat().st_size for p in files)
+    arms = tuple(r.arm for r in runs)
+    return SessionSummary(str(path), size, False, 0, 0, (), {"import": told}, (), arms)
 
 
 def _arm(r: Recording) -> _Arm:
@@ -294,6 +319,7 @@ def _arm_dict(arm: _Arm) -> dict[str, object]:
             for f in arm.faults
         ],
         "unwrapped": r.metadata.get(UNWRAPPED),
+        "taken": r.metadata.get("note"),
         "prepared": arm.prepared.as_dict() if arm.prepared else None,
         "readings": [{"code": code, "text": text} for code, text in arm.readings],
         "lateness": vars(arm.lateness) if arm.lateness else None,
@@ -309,7 +335,7 @@ def _rate(r: Recording) -> float:
 
 
 def _robot(r: Recording) -> str:
-    return "URDF in the session" if r.robot.urdf else r.robot.preset
+    return "a URDF" if r.robot.urdf else r.robot.preset
 
 
 def _text(found: SessionSummary, arms: list[_Arm]) -> str:
@@ -345,7 +371,8 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
         )
         for c in found.channels
     ]
-    lines += [*_aligned(rows), "", *loop_lines(found)]
+    lines += [*_aligned(rows), ""] if found.channels else []
+    lines += loop_lines(found)
     lines += [*_stops(found), *_end(found)]
     trip, named = _trip(found), _executables(found)
     lines += [f"  {in_words(trip)}", ""] if trip else []
@@ -353,6 +380,9 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]
     for arm in arms:
+        lacks = undescribed(arm.recording.robot, arm.recording.d)
+        note = arm.recording.metadata.get("note", "")
+        lines += [f"{text}." for text in (lacks, note and f"taken from {note}") if text]
         made = [f"  {x}" for x in (arm.recording.metadata.get(UNWRAPPED),) if x]
         made += [f"  {text}" for text in arm.prepared.sentences] if arm.prepared else []
         made += [f"  {text}" for _, text in arm.readings]

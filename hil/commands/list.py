@@ -1,4 +1,4 @@
-"""`hil list`: the sessions of a folder, what they are of, and whether they can be used."""
+"""`hil list`: the recordings of a folder, what they are of, and whether they can be used."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hil import progress, terminal
+from hil.commands import common
 from hil.errors import HilError, plural
-from hil.record.bags import is_bag
+from hil.record.bags import BagChoice, is_bag
 from hil.record.checks import check
-from hil.record.mcap_read import SessionSummary, began, changed, summary
-from hil.record.recording import BEGAN, TAGS, Recording, tags_of
-from hil.record.sources import below, every_arm
+from hil.record.mcap_read import SessionSummary, began, summary
+from hil.record.recording import TAGS, Recording, tags_of
+from hil.record.sources import below, every_arm, is_session, recorded, refuse_table_words
 
 EXAMPLE = "hil list sessions --tag needle"
 
@@ -28,7 +29,7 @@ class ListedSession:
     path : str
         File, below the folder.
     of : str
-        Rig, what was imported, or ROS bag.
+        Rig, what was imported, ROS bag, or table.
     arms : tuple of str
         Names, each with the number of its joints.
     recorded : str
@@ -57,7 +58,10 @@ class ListedSession:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare options."""
     parser.add_argument(
-        "paths", nargs="+", metavar="FOLDER", help="folders with sessions and bags, or files"
+        "paths",
+        nargs="+",
+        metavar="FOLDER",
+        help="folders with sessions and bags, or with tables alone; or files",
     )
     parser.add_argument(
         "--tag",
@@ -66,16 +70,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="TAG",
         help="only sessions with this tag (repeatable: with all of them)",
     )
+    parser.add_argument("--arm", help="name of the arm of a table; arm to take of a bag")
+    common.add_sources(parser)
+    common.add_tables(parser)
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print a row a session."""
-    paths = below(args.paths)
+    paths, choice = below(args.paths), common.bag_choice(args)
+    refuse_table_words(paths, choice.table)
     rows = []
     for k, path in enumerate(paths):
         progress.at(path.name, k / len(paths))
-        row = _row(path)
+        row = _row(path, choice)
         if set(args.tag) <= set(row.tags):
             rows.append(row)
     if args.json:
@@ -105,17 +113,17 @@ def _cells(r: ListedSession) -> list[str]:
     return [r.path, r.of, ", ".join(r.arms), date, seconds, ", ".join(r.tags), r.verdict]
 
 
-def _row(path: Path) -> ListedSession:
+def _row(path: Path, choice: BagChoice) -> ListedSession:
     """What a file is; what cannot be read says why in its row."""
     try:
-        runs = every_arm(path)
-        found = None if is_bag(path) else summary(path)
+        runs = every_arm(path, choice)
+        found = summary(path) if is_session(path) else None
     except (HilError, OSError) as error:
         return ListedSession(str(path), verdict=f"cannot be read: {' '.join(str(error).split())}")
-    date, by = began(found) if found else _of_bag(path, runs)
+    date, by = began(found) if found else _of_file(path, runs)
     return ListedSession(
         str(path),
-        _origin(found) if found else "ROS bag",
+        _origin(found) if found else "ROS bag" if is_bag(path) else "table",
         tuple(f"{r.arm} ({r.d})" for r in runs),
         f"{date:%Y-%m-%d %H:%M}",
         by,
@@ -125,10 +133,10 @@ def _row(path: Path) -> ListedSession:
     )
 
 
-def _of_bag(path: Path, runs: Sequence[Recording]) -> tuple[datetime, str]:
-    """Date of a bag and by what it is known."""
-    own = [float(r.metadata[BEGAN]) for r in runs if BEGAN in r.metadata]
-    return datetime.fromtimestamp(min(own, default=changed(path)), UTC), "stamps" if own else "file"
+def _of_file(path: Path, runs: Sequence[Recording]) -> tuple[datetime, str]:
+    """Date of a bag or a table and by what it is known."""
+    seconds, by = recorded(path, runs)
+    return datetime.fromtimestamp(seconds, UTC), by
 
 
 def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:

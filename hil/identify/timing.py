@@ -422,7 +422,7 @@ def lateness(recording: Recording) -> Lateness:
             None,
             None,
             "the delay between efforts and positions is unknown without the robot's geometry: "
-            "import with --robot ARM.urdf",
+            "give --robot ARM.urdf",
         )
     try:
         problem = Problem([recording], source)

@@ -20,7 +20,7 @@ from hil.record import mcap_read
 from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf
-from hil.record.recording import LOCKED, STATED, Recording, RobotSource
+from hil.record.recording import BEGAN, LOCKED, STATED, Recording, RobotSource
 from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
@@ -96,6 +96,8 @@ def _folders(path: Path) -> list[Path]:
 def below(paths: Iterable[str | Path]) -> list[Path]:
     """Sessions and bags of folders and of the folders in them, in the order of their names.
 
+    A folder without any stands for the tables in it and in the folders below.
+
     Raises
     ------
     DataError
@@ -106,11 +108,14 @@ def below(paths: Iterable[str | Path]) -> list[Path]:
         if not path.exists():
             raise DataError(f"{path}: no such folder or file")
         if path.is_dir() and not is_bag(path):
-            out += [p for place in (path, *_folders(path)) for p in _inside(place)]
+            places = (path, *_folders(path))
+            inside = [p for place in places for p in _inside(place)]
+            out += inside or [p for place in places for p in _tables(place)]
         else:
             out.append(path)
     if not out:
-        raise DataError(f"{', '.join(map(str, given))} holds no session and no ROS bag")
+        lacks = "holds no session and no ROS bag, and no table"
+        raise DataError(f"{', '.join(map(str, given))} {lacks}")
     return out
 
 
@@ -160,7 +165,7 @@ def robot_of(
         As `load_source`.
     """
     chosen = choice or BagChoice()
-    if not _is_session(path) or chosen.joints or chosen.robot or chosen.lock:
+    if not is_session(path) or chosen.joints or chosen.robot or chosen.lock:
         found = load_source(path, arm, chosen)
         joints, robot = found.joints, found.robot
     else:
@@ -196,7 +201,7 @@ def load_source(
         If what was named is not there.
     """
     chosen = choice or BagChoice()
-    if _is_session(path):
+    if is_session(path):
         found = mcap_read.load(path, arm)
         return subset(found, chosen) if chosen.joints or chosen.robot or chosen.lock else found
     chosen = replace(chosen, arm=arm or chosen.arm)
@@ -208,7 +213,7 @@ def load_source(
     return arms[0]
 
 
-def _is_session(path: str | Path) -> bool:
+def is_session(path: str | Path) -> bool:
     """Whether a path is a session's or none; else it is that of a bag or of a table."""
     name = Path(path)
     if is_bag(name) or name.suffix.lower() in _ENDINGS or not name.is_file():
@@ -217,7 +222,7 @@ def _is_session(path: str | Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-def _refuse_table_words(paths: Sequence[str | Path], words: TableChoice) -> None:
+def refuse_table_words(paths: Sequence[str | Path], words: TableChoice) -> None:
     """Refuse what is said of tables where there is none.
 
     Raises
@@ -240,7 +245,7 @@ def _refuse_table_words(paths: Sequence[str | Path], words: TableChoice) -> None
 
 def _is_table(path: str | Path) -> bool:
     """Whether a path is that of a table; one where nothing is may be."""
-    return not (is_bag(path) or _is_session(path)) or not Path(path).exists()
+    return not (is_bag(path) or is_session(path)) or not Path(path).exists()
 
 
 def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
@@ -356,7 +361,7 @@ def load(
         arm or "",
         TableChoice(str(map), unit, rate, missing, run),
     )
-    _refuse_table_words([path], chosen.table)
+    refuse_table_words([path], chosen.table)
     return load_source(path, arm, chosen)
 
 
@@ -403,7 +408,7 @@ def load_sources(
         As `load_source`.
     """
     chosen = choice or BagChoice()
-    _refuse_table_words([*paths, *held], chosen.table)
+    refuse_table_words([*paths, *held], chosen.table)
     out: list[Recording] = []
     for k, path in enumerate((*paths, *held)):
         wanted = arm or (out[0].arm if k >= len(paths) and out else None)
@@ -414,16 +419,41 @@ def load_sources(
 
 
 def every_arm(path: str | Path, choice: BagChoice | None = None) -> list[Recording]:
-    """Recordings of all arms of a session or a bag.
+    """Recordings of all arms of a session, a bag or a table.
+
+    Parameters
+    ----------
+    path, choice
+        As in `load_source`.
 
     Raises
     ------
     DataError, ConfigError
         As `load_source`.
     """
-    if _is_session(path):
-        return mcap_read.load_arms(path)
-    return read_bag(path, choice) if is_bag(path) else _of_table(Path(path), choice or BagChoice())
+    chosen = choice or BagChoice()
+    if is_session(path):
+        arms = mcap_read.load_arms(path)
+        some = chosen.joints or chosen.robot or chosen.lock
+        return [subset(r, chosen) for r in arms] if some else arms
+    return read_bag(path, chosen) if is_bag(path) else _of_table(Path(path), chosen)
+
+
+def recorded(path: Path, runs: Sequence[Recording]) -> tuple[float, str]:
+    """When a bag or a table began [s since 1970], and by what that is known.
+
+    Returns
+    -------
+    seconds : float
+        Of the first sample, else of the last change of the file.
+    by : {"stamps", "file"}
+        Which of the two it is.
+    """
+    from hil.record.units import epoch_unit
+
+    own = [float(r.metadata[BEGAN]) for r in runs if BEGAN in r.metadata]
+    own += [float(r.t[0]) for r in runs if BEGAN not in r.metadata and epoch_unit(r.t[0]) == "s"]
+    return (min(own), "stamps") if own else (mcap_read.changed(path), "file")
 
 
 def subset(recording: Recording, choice: BagChoice) -> Recording:

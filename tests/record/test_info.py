@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import plants
 import pytest
+from bag_files import BagFile
+from record_tables import write_csv
 
 from hil.cli import main
 from hil.record.export import write_recordings
@@ -33,6 +35,32 @@ def test_text_for_a_stranger(session, capsys):
     assert "/leader/measured_js" in text
     assert "arm leader: 2 joints, 3000 samples, 5.998 s at 500 Hz" in text
     assert text.count("data faults: none found") == 2
+
+
+def test_tables_and_bags_are_looked_at_without_an_import(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run, two = plants.tanh_axes(), plants.joints()
+    table = {"t": 1.7e9 + run.t, "angle": run.q[:, 0], "torque": run.tau[:, 0], "pump": run.t}
+    write_csv(tmp_path / "run.csv", table)
+    names = '[columns]\nq1 = "angle"\ntau1 = "torque"\n'
+    (tmp_path / "m.toml").write_text('schema = "hil.map/1"\n' + names)
+    with BagFile(tmp_path, "mcap", "bag") as bag:
+        bag.joints(
+            "/joint_states", two.t[:500], ["a", "b"], two.q[:500].copy(), None, two.tau[:500].copy()
+        )
+    assert main(["info", "run.csv", "--map", "m.toml", "--arm", "elbow"]) == 0
+    said = capsys.readouterr().out
+    assert f"arm elbow: 1 joint, {run.n} samples" in said and "channel" not in said
+    assert "recorded 2023-11-14 22:13:20 UTC" in said and "not used: pump" in said
+    assert main(["info", "bag", *map(str, (tmp_path / "bag").glob("*.mcap")), "--json"]) == 0
+    folder, file = json.loads(capsys.readouterr().out)["sessions"]
+    assert [e["arms"][0]["joints"] for e in (folder, file)] == [["a", "b"]] * 2
+    assert "positions of /joint_states" in file["arms"][0]["taken"] and file["bytes"] > 1000
+    assert main(["info", "bag"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2].startswith("2 joints without a robot description: ")
+    assert main(["info", "run.csv"]) == 2
+    assert "--propose-map" in capsys.readouterr().err
 
 
 def test_stops_are_told_with_their_causes(tmp_path, capsys):

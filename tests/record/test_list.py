@@ -97,6 +97,25 @@ def test_a_folder_without_sessions_is_an_error(folder, capsys):
     assert "nowhere: no such folder or file" in capsys.readouterr().err
 
 
+def test_a_folder_of_tables_is_listed_and_a_map_says_how_they_are_read(folder, capsys):
+    runs = folder / "runs" / "monday"
+    runs.mkdir(parents=True)
+    rows = "".join(f"{k * 0.004},{(k % 50)},{k % 7}\n" for k in range(400))
+    (runs / "a.csv").write_text("t,angle,torque\n" + rows)
+    (runs / "notes.txt").write_text("hello")
+    (folder / "m.toml").write_text(
+        'schema = "hil.map/1"\n[columns]\nq1 = { from = "angle", unit = "deg" }\ntau1 = "torque"\n'
+    )
+    assert "has no column 'q1'" in listed(capsys, "runs")["runs/monday/a.csv"]["verdict"]
+    row = listed(capsys, "runs", "--map", "m.toml")["runs/monday/a.csv"]
+    assert (row["of"], row["arms"], row["recorded_by"]) == ("table", ["arm (1)"], "file")
+    assert "cannot" not in row["verdict"] and row["seconds"] == pytest.approx(1.596)
+    # a folder with sessions stands for these alone, as everywhere
+    assert not [name for name in listed(capsys, ".") if name.endswith(".csv")]
+    assert main(["list", "sessions", "--map", "m.toml"]) == 2
+    assert "--map is of tables" in capsys.readouterr().err
+
+
 def test_a_column_that_is_empty_throughout_is_left_out(folder, capsys):
     shutil.copy("sessions/small.mcap", "a.mcap")
     assert main(["list", "a.mcap"]) == 0
