@@ -1,4 +1,4 @@
-"""`hil import`: a table or a ROS bag of any rig into a session.
+"""`hil import`: tables or ROS bags of any rig into sessions.
 
 It prints JSON, or the session, its faults and what to do next.
 """
@@ -36,8 +36,10 @@ from hil.record.locked import free_joints
 from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
 from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
+from hil.record.sources import importable
 from hil.record.table_files import is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
+from hil.record.text_tables import PACKED
 from hil.record.units import axes_unit, epoch_unit
 from hil.userfile import read_text, write_text
 
@@ -136,7 +138,7 @@ def every_as_dict(found: Mapping[Path, Imported], model: tuple[Path, bool]) -> d
 
 
 def every(folder: Path, found: Mapping[Path, Imported], model: Path, written: bool) -> str:
-    """Sessions and data faults of all runs together, and which run to look at first.
+    """Sessions, notes and data faults of all runs together, and which run to look at first.
 
     Where it is quiet, only which of them cannot be fitted.
     """
@@ -145,9 +147,19 @@ def every(folder: Path, found: Mapping[Path, Imported], model: Path, written: bo
     useless = f"{len(bad)} of them cannot be fitted: {', '.join(bad)}\n" if bad else ""
     if terminal.settings.quiet:
         return useless and f"{folder}: {useless}"
-    state = "base model written" if written else "model kept as it was"
+    state = "base model written" if written else _kept(model, next(iter(found.values())))
     first = bad[0] if bad else next(iter(found)).name
-    said = (
+    one = next(iter(found.values())).recordings[0]
+    lacking = undescribed(one.robot, one.d)
+    notes = [f"note: {lacking}\n"] if lacking else []
+    notes += [
+        f"taken from {note}\n"
+        for x in found.values()
+        for r in x.recordings
+        if (note := r.metadata.get("note"))
+    ]
+    notes += [f"{note}\n" for note in dict.fromkeys(n for x in found.values() for n in x.notes)]
+    said = "".join(notes) + (
         f"{folder}: {plural(len(found), 'session')}, "
         f"{plural(sum(map(len, faults.values())), 'data fault')}\n{model}: {state}\n"
         f"next:\n  {shlex.join(['hil', 'info', str(folder / first)])}\n"
@@ -163,19 +175,20 @@ EXAMPLE = "hil import run1.csv --robot arm.urdf -o run1.mcap"
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "table",
+        "tables",
+        nargs="+",
         metavar="TABLE",
         help="text, NPY, NPZ, MAT, HDF5, Parquet, Feather or XLSX file with columns t, q1.., "
         "tau1.. (SI); a ROS bag (.bag, .mcap, .db3 or a folder with metadata.yaml); the folder of "
         "a LeRobot data set; or a public recording, e.g. emps/DATA_EMPS.mat, found through "
-        f"{datasets.VARIABLE}",
+        f"{datasets.VARIABLE}; several files, or a folder of them, are read alike",
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="S.mcap",
         help="session to write; one that was imported from the same table is replaced, any other "
-        "session there is kept under another name",
+        "session there is kept under another name; of several files, the folder of their sessions",
     )
     _add_meaning(parser)
     parser.add_argument(
@@ -223,6 +236,10 @@ def _add_meaning(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Import, write the session and, where there is none, the base model."""
     catalogue.load_installed()
+    paths = [p for name in args.tables for p in _files(name)]
+    if len(paths) > 1 or str(paths[0]) != args.tables[0]:
+        return _several(args, paths)
+    args.table = args.tables[0]
     if is_bag(args.table):
         return _bag(args)
     common.refuse_topics(args)
@@ -230,7 +247,7 @@ def run(args: argparse.Namespace) -> int:
     if args.propose_map:
         return _propose(args, table, mapping)
     if args.dry_run:
-        return _show(args, table, _read(args, table, mapping, args.which))
+        return _show(args, {table: _read(args, table, mapping, args.which)})
     if not args.output:
         raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
     output = Path(args.output)
@@ -243,6 +260,18 @@ def run(args: argparse.Namespace) -> int:
 def _bag(args: argparse.Namespace) -> int:
     """Import a ROS bag."""
     bag = Path(args.table)
+    _refuse_of_tables(args, bag)
+    if args.dry_run:
+        return _show(args, {bag: _of_bag(args, bag)})
+    if not args.output:
+        raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
+    output = Path(args.output)
+    outputs.check(output, ".mcap", _inputs(args, bag))
+    return _one(args, output, bag, _of_bag(args, bag))
+
+
+def _refuse_of_tables(args: argparse.Namespace, bag: Path) -> None:
+    """Refuse for a bag what is said of tables."""
     of_tables = (
         ("--map", args.map),
         ("--run", args.which),
@@ -258,13 +287,6 @@ def _bag(args: argparse.Namespace) -> int:
             raise ConfigError(f"{bag} is a ROS bag, in SI units and of one run; leave {option} out")
     if args.all_runs:
         raise ConfigError(f"{bag} is a ROS bag, of one run; leave --all-runs out")
-    if args.dry_run:
-        return _show(args, bag, _of_bag(args, bag))
-    if not args.output:
-        raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
-    output = Path(args.output)
-    outputs.check(output, ".mcap", _inputs(args, bag))
-    return _one(args, output, bag, _of_bag(args, bag))
 
 
 def _of_bag(args: argparse.Namespace, bag: Path) -> Imported:
@@ -301,17 +323,97 @@ def _every_run(
         raise ConfigError(f"table {table} does not hold several runs; leave --all-runs out")
     _refuse_folder(folder)
     found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
+    return _write_all(args, folder, found, dict.fromkeys(found, table))
+
+
+def _files(name: str) -> list[Path]:
+    """Files that a name of the command line stands for; a folder stands for those in it."""
+    path = Path(name)
+    folder = path.is_dir() and not (is_bag(path) or is_dataset(path))
+    return importable(path) if folder else [path]
+
+
+def _several(args: argparse.Namespace, paths: list[Path]) -> int:
+    """Several files, read alike, each as a session in one folder; all are read before any write."""
+    for option, value in (("--all-runs", args.all_runs), ("--propose-map", args.propose_map)):
+        if value:
+            raise ConfigError(f"{option} takes one file, got {len(paths)}; give one of them")
+    args.table = ", ".join(args.tables)
+    if not any(map(is_bag, paths)):
+        common.refuse_topics(args)
+    if args.dry_run:
+        return _show(args, {p: _any(args, p) for p in _bar("read", paths, "file")})
+    if not args.output:
+        raise ConfigError("-o FOLDER is missing; --dry-run shows what would be read without it")
+    folder = Path(args.output)
+    if folder.suffix == ".mcap":
+        raise ConfigError(
+            f"{args.table}: {plural(len(paths), 'recording')} would be written into a folder, and "
+            f"{folder} names one session; give -o FOLDER, or one file"
+        )
+    _refuse_folder(folder)
+    tables: dict[Path, Path] = {}
+    for path in paths:
+        place = folder / f"{_stem(path)}.mcap"
+        if place in tables:
+            raise ConfigError(
+                f"{tables[place]} and {path} would both be written to {place}; import one of them "
+                "apart"
+            )
+        tables[place] = path
+    found = {p: _any(args, tables[p]) for p in _bar("read", list(tables), "file")}
+    _refuse_robots(found)
+    return _write_all(args, folder, found, tables)
+
+
+def _any(args: argparse.Namespace, path: Path) -> Imported:
+    """What a table or a bag holds."""
+    if is_bag(path):
+        _refuse_of_tables(args, path)
+        return _of_bag(args, path)
+    constants = common.torque_constants(args.torque_constant)
+    table, mapping = _source(str(path), args.map, constants)
+    return _read(args, table, mapping, args.which)
+
+
+def _stem(path: Path) -> str:
+    """Name of a file without its endings; of a folder its name."""
+    if path.is_dir():
+        return path.name
+    return Path(path.stem).stem if path.suffix.lower() in PACKED else path.stem
+
+
+def _refuse_robots(found: Mapping[Path, Imported]) -> None:
+    """Refuse recordings of several robots: they share one model."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for path, one in found.items():
+        groups.setdefault(one.recordings[0].joints, []).append(path.stem)
+    if len(groups) > 1:
+        rows = [f"{', '.join(names)}: {', '.join(joints)}" for joints, names in groups.items()]
+        raise ConfigError(
+            f"the files are of {len(groups)} robots, by their joints: {'; '.join(rows)}. Import "
+            "those of one robot at a time, or give the joints that all have with --joints"
+        )
+
+
+def _write_all(
+    args: argparse.Namespace,
+    folder: Path,
+    found: Mapping[Path, Imported],
+    tables: Mapping[Path, Path],
+) -> int:
+    """Write sessions, each of its table, and one model into a folder."""
     _refuse_urdf(folder / "model.toml", next(iter(found.values())).recordings)
     outputs.make_folder(folder)
-    for path in found:
+    for path, table in tables.items():
         outputs.check(path, ".mcap", _inputs(args, table))
     for path in _bar("write", list(found)):
-        _write(path, found[path], table, args.tag)
+        _write(path, found[path], tables[path], args.tag)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
     if args.json:
         text = json.dumps(every_as_dict(found, model)) + "\n"
     else:
-        text = every(folder, found, *model)
+        text = terminal.sentences(every(folder, found, *model))
     sys.stdout.write(text)
     return 0
 
@@ -319,11 +421,14 @@ def _every_run(
 def _refuse_folder(folder: Path) -> None:
     """Refuse a place where no folder can be made, before the runs are read."""
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"cannot write into {folder}: with --all-runs it must be a folder")
+        raise ConfigError(
+            f"cannot write into {folder}: several sessions (several files, or --all-runs) need a "
+            "folder"
+        )
 
 
-def _bar(what: str, items: list[_Item]) -> Iterable[_Item]:
-    return tqdm(items, what, unit="run", disable=None, leave=False, file=sys.stderr)  # type: ignore[no-any-return]
+def _bar(what: str, items: list[_Item], unit: str = "run") -> Iterable[_Item]:
+    return tqdm(items, what, unit=unit, disable=None, leave=False, file=sys.stderr)  # type: ignore[no-any-return]
 
 
 def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which: str) -> Imported:
@@ -392,21 +497,33 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
 FIRST_ROWS = 5
 
 
-def _show(args: argparse.Namespace, table: Path, found: Imported) -> int:
+def _show(args: argparse.Namespace, found: Mapping[Path, Imported]) -> int:
     """What an import would read; nothing is written."""
     if args.json:
-        nothing = as_dict(Path(), found, (Path(), False)) | {"session": None, "model": None}
-        rules = [{t: dict(r.terms) for t, r in some.items()} for some in found.rules]
-        first = [first_rows(r)[1] for r in found.recordings]
-        sys.stdout.write(json.dumps(nothing | {"columns": rules, "first_rows": first}) + "\n")
+        shown = [_shown(one) for one in found.values()]
+        several = {"schema": "hil.import-all/1", "sessions": shown}
+        sys.stdout.write(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
         return 0
-    sys.stdout.write(terminal.sentences(preview(table, found)))
+    said = "\n".join(preview(table, one) for table, one in found.items())
+    sys.stdout.write(terminal.sentences(f"{said}{_NOTHING}\n"))
     return 0
+
+
+_NOTHING = "nothing was written; to write it, give -o S.mcap instead of --dry-run"
+
+
+def _shown(found: Imported) -> dict[str, object]:
+    """`hil import --dry-run --json`."""
+    nothing = as_dict(Path(), found, (Path(), False)) | {"session": None, "model": None}
+    rules = [{t: dict(r.terms) for t, r in some.items()} for some in found.rules]
+    first = [first_rows(r)[1] for r in found.recordings]
+    return nothing | {"columns": rules, "first_rows": first}
 
 
 def preview(table: Path, found: Imported) -> str:
     """Columns as they would be read, the first rows, what was guessed, and the faults."""
-    parts = []
+    lacking = undescribed(found.recordings[0].robot, found.recordings[0].d)
+    parts = [f"note: {lacking}"] if lacking else []
     for k, r in enumerate(found.recordings):
         parts.append(
             f"{table}: arm {r.arm}, {plural(r.n, 'sample')} at {r.rate:.5g} Hz, "
@@ -423,10 +540,7 @@ def preview(table: Path, found: Imported) -> str:
     parts += found.notes
     unused = [n for n in found.unused if n]
     parts += [f"not used: {', '.join(families(unused))}"] if unused else []
-    return (
-        "\n".join([*parts, "nothing was written; to write it, give -o S.mcap instead of --dry-run"])
-        + "\n"
-    )
+    return "\n".join(parts) + "\n"
 
 
 def _place(item: tuple[str, Rule]) -> tuple[int, int]:
@@ -456,11 +570,6 @@ def _source(
 ) -> tuple[Path, TableMap | None]:
     """The file, and its map: the given one, or that of a public set."""
     path, known = Path(table), None
-    if path.is_dir() and not is_dataset(path):
-        raise ConfigError(
-            f"{path} is a folder, and hil import takes one table at a time: give each of its "
-            f"files, or analyse all of them as they are, {shlex.join(['hil', 'diagnose', table])}"
-        )
     if not path.exists():
         resolved = datasets.resolve(table)
         if resolved:

@@ -83,6 +83,21 @@ def _tables(folder: Path) -> list[Path]:
     return [p for p in tables if ending(p) not in _NOTES] or tables
 
 
+def importable(folder: Path) -> list[Path]:
+    """ROS bags and tables that stand in a folder itself, and no sessions.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    out = [p for p in _inside(folder) if is_bag(p)]
+    out += [p for p in _tables(folder) if p not in out]
+    if not out:
+        raise DataError(f"folder {folder} holds no table and no ROS bag")
+    return out
+
+
 #: Endings of tables that notes have, too.
 _NOTES = (".txt", ".json")
 

@@ -310,3 +310,53 @@ def test_a_unit_of_the_axes_that_cannot_be_is_refused(tmp_path, unit, sentence, 
     )
     assert main(["import", str(table), "--unit", unit, "-o", str(tmp_path / "s.mcap")]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_several_files_and_a_folder_of_them_are_read_alike(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    runs = [plants.joints(seed=k) for k in range(2)]
+    for k, r in enumerate(runs):
+        own = {f"b_{n}" if n[0] in "qt" and n != "t" else n: v for n, v in columns(r).items()}
+        write_csv(tmp_path / "runs" / f"day{k}.csv", own)
+    rows = "".join(f'{n} = "b_{n}"\n' for n in ("q1", "q2", "tau1", "tau2"))
+    (tmp_path / "m.toml").write_text(f'schema = "hil.map/1"\n[columns]\n{rows}')
+    words = ["--map", "m.toml", "--tag", "two"]
+    assert main(["import", "runs/day0.csv", "runs/day1.csv", *words, "-o", "out"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("note: 2 joints without a robot description: ")
+    assert "out: 2 sessions, 0 data faults" in said and "hil diagnose out" in said
+    for k, r in enumerate(runs):
+        np.testing.assert_array_equal(load(tmp_path / "out" / f"day{k}.mcap").q, r.q)
+    assert main(["import", "runs", *words, "-o", "again", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [s["session"] for s in told["sessions"]] == ["again/day0.mcap", "again/day1.mcap"]
+    assert main(["import", "runs", *words, "--dry-run", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)["sessions"]
+    assert [s["arms"][0]["samples"] for s in shown] == [r.n for r in runs]
+    assert main(["import", "runs", *words, "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert "runs/day0.csv: arm arm" in said and said.count("nothing was written") == 1
+
+
+def test_several_files_that_cannot_stand_together_write_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    one, two = columns(plants.joints(d=1)), columns(plants.joints(d=2))
+    for name, table in (("a.csv", one), ("b.csv", two), ("c.csv", {"x": one["t"]})):
+        write_csv(tmp_path / name, table)
+    np.savez("a.npz", **one)
+    (tmp_path / "empty").mkdir()
+    for files, why in (
+        (["a.csv", "b.csv"], "of 2 robots, by their joints: a: joint1; b: joint1, joint2"),
+        (["a.csv", "a.npz"], "a.csv and a.npz would both be written to out/a.mcap"),
+        (["a.csv", "c.csv"], "table c.csv has no column"),
+        (["a.csv", "no.csv"], "no.csv"),
+        (["empty"], "folder empty holds no table and no ROS bag"),
+        (["a.csv", "a.csv", "--all-runs"], "--all-runs takes one file, got 2"),
+        (["a.csv", "b.csv", "--topic", "/x"], "--topic is for ROS bags; a.csv, b.csv is none"),
+    ):
+        assert main(["import", *files, "-o", "out"]) == 2
+        assert why in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+    assert main(["import", "a.csv", "b.csv"]) == 2
+    assert "-o FOLDER is missing" in capsys.readouterr().err

@@ -765,7 +765,12 @@ def test_more_torque_constants_than_joints(tmp_path, refuse):
 
 
 def test_two_tables_at_once_are_refused_for_what_they_are(tmp_path, capsys):
+    """Of one command that takes one; of an import, where -o names one session."""
     with pytest.raises(SystemExit) as stopped:
-        main(["import", "a.csv", "b.csv", "-o", str(tmp_path / "s.mcap")])
+        main(["export", "a.toml", "b.toml", "--to", "c", "-o", str(tmp_path / "m.h")])
     assert stopped.value.code == 2
-    assert "unexpected 'b.csv'; the command takes TABLE and options" in capsys.readouterr().err
+    assert "unexpected 'b.toml'; the command takes M.toml and options" in capsys.readouterr().err
+    assert main(["import", "a.csv", "b.csv", "-o", str(tmp_path / "s.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "a.csv, b.csv: 2 recordings would be written into a folder" in said
+    assert not list(tmp_path.iterdir())

@@ -234,7 +234,11 @@ def test_a_folder_of_tables_and_a_run_that_is_given_twice(tmp_path, capsys):
     assert main(["fit", str(tmp_path)]) == 0
     assert "warning: b holds the same data as a; left out" in capsys.readouterr().err
     assert main(["import", str(tmp_path), "-o", str(tmp_path / "s.mcap")]) == 2
-    assert "one table at a time" in capsys.readouterr().err
+    assert "2 recordings would be written into a folder" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.mcap"))
+    assert main(["import", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    written = {p.name for p in (tmp_path / "out").iterdir()}
+    assert written == {"a.mcap", "b.mcap", "model.toml"}
 
 
 def test_a_model_brings_its_robot_to_a_table_and_another_one_is_told(tmp_path, capsys):
