@@ -15,6 +15,7 @@ have a transform X_d of their own of length M, and
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -31,7 +32,7 @@ from hil.identify.clock import EVEN, FILLED, GROWS_S, Even, Timing, even, on_one
 from hil.models.model import Band
 from hil.models.motion import Motion
 from hil.models.robots import Robot
-from hil.record.recording import SIGNAL, Recording
+from hil.record.recording import EFFORT_STEP, SIGNAL, Recording
 
 FloatArray = NDArray[np.float64]
 #: Shortest run, in periods of the effort filter.
@@ -213,7 +214,9 @@ def on_grid(r: Recording, band: Band, moving: bool = True) -> tuple[list[Even], 
 def signal(band: Band, recording: Recording) -> Band:
     """A model's [signal], and where it is silent the one of the map that a run came through."""
     said = {f.name: recording.metadata.get(SIGNAL + f.name, "") for f in fields(Band)}
-    own: dict[str, Any] = {key: float(text) for key, text in said.items() if text}
+    own: dict[str, Any] = {key: json.loads(text) for key, text in said.items() if text}
+    if EFFORT_STEP in own:
+        own[EFFORT_STEP] = tuple(own[EFFORT_STEP])
     return band.beside(replace(Band(), **own))
 
 

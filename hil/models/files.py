@@ -30,7 +30,7 @@ from hil.models.model import (
     as_model,
     in_words,
 )
-from hil.record.recording import RobotSource
+from hil.record.recording import RobotSource, number, signal_value
 from hil.userfile import LARGEST_TEXT, parse_toml, read_bytes, read_text, write_text
 
 __all__ = ["SCHEMA", "read_model", "write_model"]
@@ -137,43 +137,14 @@ def _texts(value: Any, what: str, example: str) -> list[str]:
     raise ConfigError(f"{what} = {value!r}: expected a list of texts, e.g. {example}")
 
 
-def _number(value: Any, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{what} = {value!r}: expected a number")
-    return float(value)
-
-
 def _band(table: Any, of: str) -> Band:
     if not isinstance(table, dict):
         raise ConfigError(
             f"[{of}] must be a table with some of {', '.join(f.name for f in fields(Band))}"
         )
     _keys(table, tuple(f.name for f in fields(Band)), f"[{of}]")
-    steps = _steps(table.get("effort_step", []), f"{of}.effort_step")
-    values = {k: _number(v, f"{of}.{k}") for k, v in table.items() if k != "effort_step"}
-    for key, value in values.items():
-        least = -math.inf if key in ("shift_s", "clock_ppm") else 0.0
-        most = 1.0 if key == "accuracy" else math.inf
-        if key == "lag_poles" and value not in (0.0, 1.0, 2.0):
-            raise ConfigError(
-                f"{of}.{key} = {value:g}: expected 1 or 2, the poles of a low-pass, or 0, a moving "
-                "average over twice lag_s"
-            )
-        if not (least <= value < most and math.isfinite(value)):
-            what = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
-            what = "a share of the rms effort, e.g. 0.01," if key == "accuracy" else what
-            what = "microseconds a second" if key == "clock_ppm" else what
-            raise ConfigError(f"{of}.{key} = {value:g}: expected {what}, or 0 = choose")
-    return Band(**values, effort_step=steps)
-
-
-def _steps(value: Any, what: str) -> tuple[float, ...]:
-    """Steps of a converter, one a joint; 0 = none."""
-    given = value if isinstance(value, list) else [value]
-    found = tuple(_number(x, what) for x in given)
-    if not isinstance(value, list) or not all(0.0 <= x < math.inf for x in found):
-        raise ConfigError(f"{what} = {value!r}: expected one step a joint, e.g. [0.05, 0.0, 0.02]")
-    return found
+    values: dict[str, Any] = {k: signal_value(k, v, f"{of}.{k}") for k, v in table.items()}
+    return Band(**values)
 
 
 def _valid(table: Any) -> tuple[Range, ...]:
@@ -192,7 +163,7 @@ def _valid(table: Any) -> tuple[Range, ...]:
 def _ends(value: Any, what: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise ConfigError(f"{what} = {value!r}: expected [lowest, highest]")
-    low, high = (_number(x, what) for x in value)
+    low, high = (number(x, what) for x in value)
     if not low <= high:
         raise ConfigError(f"{what} = {value!r}: expected [lowest, highest] as finite numbers")
     return low, high
@@ -257,7 +228,7 @@ def _joints(joints: Any, what: str) -> tuple[str, ...]:
 def _value(name: str, entry: Any) -> Value:
     what = f"parameter {name!r}"
     if not isinstance(entry, dict):
-        return Value(_number(entry, what))
+        return Value(number(entry, what))
     if "value" not in entry:
         raise ConfigError(f"{what}: expected a number or {{ value = ... }}")
     known = tuple(f.name for f in fields(Value) if f.name not in ("lower", "upper"))
@@ -265,11 +236,11 @@ def _value(name: str, entry: Any) -> Value:
     bounds = entry.get("bounds", [-math.inf, math.inf])
     if not isinstance(bounds, list) or len(bounds) != 2:
         raise ConfigError(f"{what}: bounds = {bounds!r}: expected [lower, upper]")
-    low, high = (_number(x, f"{what}: bounds") for x in bounds)
+    low, high = (number(x, f"{what}: bounds") for x in bounds)
     numbers = ("value", "stderr", "bounds")
     rest = {k: v for k, v in entry.items() if k not in numbers}
-    value = _number(entry["value"], f"{what}: value")
-    stderr = _number(entry.get("stderr", math.nan), f"{what}: stderr")
+    value = number(entry["value"], f"{what}: value")
+    stderr = number(entry.get("stderr", math.nan), f"{what}: stderr")
     return Value(value, stderr, lower=low, upper=high, **rest)
 
 

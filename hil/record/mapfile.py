@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
+from hil.record.recording import EFFORT_STEP, signal_value
 from hil.record.units import Unit, axes_unit, axis_of, scale_asked, stem_of
 from hil.userfile import parse_toml, read_text
 
@@ -85,7 +86,7 @@ class TableMap:
         Unit of the columns with this stem that have no rule, or a rule for all joints.
     patterns : mapping of str to tuple of mapping
         Rules for all joints by stem, see `expand`.
-    signal : mapping of str to float
+    signal : mapping of str to float, or to a tuple of float
         What is said of the analysis, as in a model's [signal].
     offsets : mapping
         Offset by run and target column (``arm.column`` where there are several arms).
@@ -115,7 +116,7 @@ class TableMap:
     header_row: int = 0
     units_of: Mapping[str, Unit] = field(default_factory=dict)
     patterns: Mapping[str, tuple[Mapping[str, Any], ...]] = field(default_factory=dict)
-    signal: Mapping[str, float] = field(default_factory=dict)
+    signal: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
     offsets: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     extras: Mapping[str, Rule] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -271,6 +272,7 @@ _SIGNAL = (
     "lag_poles",
     "clock_ppm",
     "accuracy",
+    EFFORT_STEP,
 )
 _RULE = ("from", "sum", "scale", "sign", "shift", "unit", "torque_constant", "unwrap")
 #: Values of a key of [table]; the first is the default.
@@ -365,7 +367,9 @@ def parse_map(data: Mapping[str, Any], torque_constant: Sequence[float] = ()) ->
         offsets=_offsets(data, arms),
         joints=_names(robot.get("joints", ())),
         lock={k: _number(v, f"robot.lock.{k}") for k, v in _table(robot, "lock").items()},
-        signal={k: _number(v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()},
+        signal={
+            k: signal_value(k, v, f"signal.{k}") for k, v in _table(data, "signal", _SIGNAL).items()
+        },
         **_extras(data),
     )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +130,8 @@ UNWRAPPED, AS_IS = "unwrapped", "wraps_kept"
 LEFT_OUT = "left_out_s"
 #: Start of the metadata that hold the [signal] of a map.
 SIGNAL = "signal_"
+#: ... of which this one is one number a joint.
+EFFORT_STEP = "effort_step"
 #: Metadata record of a session: the tags that it was given.
 TAGS = "tags"
 #: Columns of a table: of a force and of a torque at the tip; and stem of the others -> field here.
@@ -311,3 +315,60 @@ class Recording(Shown):
             if (value := getattr(self, key)) is not None
         }
         return replace(self, **arrays)
+
+
+def signal_value(key: str, value: Any, what: str) -> float | tuple[float, ...]:
+    """A value of the [signal] of a model or map.
+
+    Parameters
+    ----------
+    key : str
+        Its name.
+    value : object
+        As it stands in the file.
+    what : str
+        What to call it.
+
+    Raises
+    ------
+    ConfigError
+        If it is no number, or none that it can be.
+    """
+    if key == EFFORT_STEP:
+        return _steps(value, what)
+    found = number(value, what)
+    least = -math.inf if key in ("shift_s", "clock_ppm") else 0.0
+    most = 1.0 if key == "accuracy" else math.inf
+    if key == "lag_poles" and found not in (0.0, 1.0, 2.0):
+        raise ConfigError(
+            f"{what} = {found:g}: expected 1 or 2, the poles of a low-pass, or 0, a moving "
+            "average over twice lag_s"
+        )
+    if not (least <= found < most and math.isfinite(found)):
+        expected = "a frequency in Hz" if key.endswith("_hz") else "a time in s"
+        expected = "a share of the rms effort, e.g. 0.01" if key == "accuracy" else expected
+        expected = "microseconds a second" if key == "clock_ppm" else expected
+        raise ConfigError(f"{what} = {found:g}: expected {expected}, or 0 = choose")
+    return found
+
+
+def number(value: Any, what: str) -> float:
+    """A number of a file.
+
+    Raises
+    ------
+    ConfigError
+        If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{what} = {value!r}: expected a number")
+    return float(value)
+
+
+def _steps(value: Any, what: str) -> tuple[float, ...]:
+    """Steps of a converter, one a joint; 0 = none."""
+    given = value if isinstance(value, list) else [value]
+    found = tuple(number(x, what) for x in given)
+    if not isinstance(value, list) or not all(0.0 <= x < math.inf for x in found):
+        raise ConfigError(f"{what} = {value!r}: expected one step a joint, e.g. [0.05, 0.0, 0.02]")
+    return found

@@ -20,7 +20,7 @@ from hil.record import mcap_read
 from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf
-from hil.record.recording import BEGAN, LOCKED, STATED, Recording, RobotSource
+from hil.record.recording import BEGAN, EFFORT_STEP, LOCKED, SIGNAL, STATED, Recording, RobotSource
 from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
@@ -508,6 +508,8 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
         text, more = locked_urdf(robot.urdf, names, {**stood, **choice.lock})
         robot, locked = replace(robot, urdf=text), {**locked, **more}
     said = {LOCKED: json.dumps(locked)} if locked else {}
+    if steps := json.loads(recording.metadata.get(SIGNAL + EFFORT_STEP, "[]")):
+        said[SIGNAL + EFFORT_STEP] = json.dumps([steps[k] for k in keep])
     return replace(
         recording,
         joints=tuple(recording.joints[k] for k in keep),

@@ -6,6 +6,7 @@ values that no fit could use; each refusal says what to do.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import ConfigError, DataError, unknown
+from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.column_checks import (
     from_zero,
     in_named_units,
@@ -386,8 +387,8 @@ def _arm(
     if given.rate_hz:
         values.setdefault("t", np.arange(n) / given.rate_hz)
     values, mended = whole_rows(table, rules, values, given)
-    said = {SIGNAL + k: repr(v) for k, v in given.signal.items()}
     order = fitted.order or range(d)
+    said = _signal(given, order)
     positions = [rules[f"q{k + 1}"] for k in order]
     said |= {"unit": _axes(given, fitted, rules, order)}
     positions, units, told = judged_wraps(table, positions, wrapped, given)
@@ -397,6 +398,21 @@ def _arm(
         refuse_units(table, recording, joints, positions)
     notes = [*fitted.notes, *timed, *named, *told_of, *resampled, *mended, *told]
     return _Arm(recording, rules, {n: values[n] for n in given.extras}, notes)
+
+
+def _signal(given: TableMap, order: Sequence[int]) -> dict[str, str]:
+    """Metadata of what a map says of the signals; what is one a joint, in their order."""
+    out = {}
+    for key, value in given.signal.items():
+        if isinstance(value, tuple):
+            if len(value) != len(order):
+                raise ConfigError(
+                    f"signal.{key} of the map has {plural(len(value), 'number')} for "
+                    f"{plural(len(order), 'joint')}; expected one a joint, 0 = none"
+                )
+            value = tuple(value[k] for k in order)
+        out[SIGNAL + key] = json.dumps(value)
+    return out
 
 
 def _axes(

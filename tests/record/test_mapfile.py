@@ -5,11 +5,18 @@ from __future__ import annotations
 import tomllib
 
 import numpy as np
+import plants
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hil
+from hil.errors import ConfigError
+from hil.identify.prepare import signal
+from hil.models.model import Band
+from hil.record.bags import BagChoice
 from hil.record.mapfile import builtin_maps, parse_map, read_map
+from hil.record.sources import subset
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False).filter(lambda x: abs(x) > 1e-3)
 
@@ -47,3 +54,35 @@ def test_built_in_maps_are_those_of_the_public_sets_and_of_known_programs():
     programs = ("dvrk", "lerobot", "libfranka", "ur-rtde")
     public = ("emps", "robot-beside", "tue-1dof", "tx40")
     assert builtin_maps() == tuple(sorted(public + programs))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("position_hz", -5.0, "expected a frequency in Hz"),
+        ("gap_s", float("inf"), "expected a time in s"),
+        ("lag_poles", 7, "expected 1 or 2"),
+        ("accuracy", 5.0, "share of the rms effort, e.g. 0.01, or 0"),
+        ("clock_ppm", "fast", "expected a number"),
+        ("effort_step", 0.1, "expected one step a joint"),
+        ("effort_step", [-0.1], "expected one step a joint"),
+    ],
+)
+def test_a_signal_that_cannot_be_is_refused_as_in_a_model(key, value, said):
+    with pytest.raises(ConfigError, match=f"signal.{key} = .*{said}"):
+        parse_map({"signal": {key: value}})
+
+
+def test_steps_of_a_converter_go_with_their_joints():
+    r = plants.joints(d=3)
+    stems = (("q", r.q), ("tau", r.tau))
+    frame = {"t": r.t} | {f"{s}{k + 1}": v[:, k] for s, v in stems for k in range(3)}
+    given = {"signal": {"effort_step": [0.1, 0.0, 0.3], "shift_s": -0.001}}
+    run = hil.from_arrays(frame, map=given)
+    assert signal(Band(), run) == Band(shift_s=-0.001, effort_step=(0.1, 0.0, 0.3))
+    some = subset(run, BagChoice(joints=("joint1", "joint3")))
+    assert signal(Band(), some).effort_step == (0.1, 0.3)
+    # what a model says goes first
+    assert signal(Band(effort_step=(0.2, 0.2)), some).effort_step == (0.2, 0.2)
+    with pytest.raises(ConfigError, match=r"signal.effort_step of the map has 2 numbers for 3"):
+        hil.from_arrays(frame, map={"signal": {"effort_step": [0.1, 0.2]}})
