@@ -353,12 +353,16 @@ def _named_as(bag: _Bag, group: _Group, state: _Group, chosen: BagChoice) -> _Gr
 
 @dataclass(frozen=True)
 class _Chosen:
-    """Joints that move, in the order of the robot; the robot; where the others are locked."""
+    """Joints that move, in the order of the robot; the robot; where the others are locked.
+
+    And the joints that the user wants locked or did not name: nothing is known of their efforts.
+    """
 
     names: tuple[str, ...]
     robot: RobotSource
     units: tuple[str, ...]
     locked: Mapping[str, float]
+    asked: frozenset[str] = frozenset()
 
 
 def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoice) -> _Chosen:
@@ -381,12 +385,15 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
             f"bag {bag.path}: no joint of {state.topic} moves and has an effort "
             f"({', '.join(state.names)}); name the topic of the efforts with --effort-topic"
         )
+    asked = frozenset(order if chosen.joints else chosen.lock)
     if not known:
-        return _Chosen(names, RobotSource(tip=chosen.tip), ("rad",) * len(names), {})
+        robot = RobotSource(tip=chosen.tip)
+        return _Chosen(names, robot, ("rad",) * len(names), {}, asked)
     held = {n: _held(state, n) for n in order if n in state.names and n not in names}
     text, locked = locked_urdf(urdf, names, {**held, **chosen.lock})
     units = tuple(j.unit for j in known if j.name in names)
-    return _Chosen(names, RobotSource("", text, chosen.tip), units, locked)
+    robot = RobotSource("", text, chosen.tip)
+    return _Chosen(names, robot, units, locked, asked)
 
 
 def _names_of_robot(urdf: str, names: Sequence[str]) -> dict[str, str]:
@@ -605,10 +612,15 @@ def _told(
     if what.locked:
         places = ", ".join(f"{n} at {v:.4g}" for n, v in what.locked.items())
         said += f"; locked: {places}"
-        moved = ", ".join(n for n in what.locked if n in state.names and _moves(state, n))
-        said += f"; of these {moved} moved without an effort that changes" if moved else ""
+        moved = [n for n in what.locked if n in state.names and _moves(state, n)]
+        for some, why in (
+            ([n for n in moved if n in what.asked], "moved"),
+            ([n for n in moved if n not in what.asked], "moved without an effort that changes"),
+        ):
+            said += f"; of these {', '.join(some)} {why}" if some else ""
     elif left := [n for n in state.names if n not in what.names]:
-        said += f"; left out: {', '.join(left)} (without motion or effort)"
+        why = "" if what.asked else " (without motion or effort)"
+        said += f"; left out: {', '.join(left)}{why}"
     used = {*taken, force.topic if force else ""}
     rest = sorted({g.topic for g in bag.groups} - used)
     said += f"; not used: {', '.join(rest)}" if rest else ""

@@ -212,6 +212,10 @@ def test_efforts_that_are_missing_are_left_out_and_told(tmp_path):
     assert runs[0].n == T.size - 1 and "1 message of 300 left out" in runs[0].metadata["note"]
     assert runs[1].joints == ("shoulder",)
     assert "of these elbow moved without an effort" in runs[1].metadata["note"]
+    for choice in (BagChoice(joints=("shoulder",)), BagChoice(lock={"elbow": 0.0})):
+        (run,) = read_bag(tmp_path / "holes", choice)  # its effort changes; nobody wants it
+        assert "of these elbow moved" in run.metadata["note"]
+        assert "without an effort" not in run.metadata["note"]
 
 
 def test_a_joint_of_which_nothing_is_known_is_locked_without_a_word(tmp_path):
