@@ -6,6 +6,7 @@ Errors in a rig file start with its name, also those that only opening it shows.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import glob
 import json
 import math
@@ -13,7 +14,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from tqdm import tqdm
 
 from hil import outputs, terminal
 from hil.commands import common, view
-from hil.errors import ConfigError
+from hil.errors import ConfigError, HilError
 from hil.excite import trajectory
 from hil.interrupt import saying
 from hil.record import mcap_read
@@ -151,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
     if real and not (args.json or args.board or args.plain) and desk.is_terminal():
         return desk.show(_typed(args))
     before, began_ns = _stamp(args.output), time.time_ns()
-    with saying(lambda: recorded(args.output, before, began_ns)):
+    with saying(lambda: _broken_off(args, before, began_ns)):
         summary = _with_bar(config, args)
     # totals are in the last file, which may have been taken away as any other
     last = [path for path in (summary.path, *summary.parts) if Path(path).exists()][-1:]
@@ -181,15 +182,50 @@ def _stamp(path: str) -> tuple[int, int] | None:
     return (place.stat().st_ino, place.stat().st_mtime_ns) if place.exists() else None
 
 
-def recorded(path: str, before: tuple[int, int] | None, began_ns: int) -> str:
-    """Where the record of an interrupted session is, all its parts."""
+def _broken_off(args: argparse.Namespace, before: tuple[int, int] | None, began_ns: int) -> str:
+    """Print what a session was that is broken off; where its record is."""
+    found = records(args.output, before, began_ns)
+    if not found:
+        return "it had not begun to record"
+    if not (args.json or args.board):
+        with contextlib.suppress(OSError, HilError):
+            sys.stdout.write(until_then(found))
+            sys.stdout.flush()
+    return f"what was recorded until then is in {', '.join(found)}"
+
+
+def records(path: str, before: tuple[int, int] | None, began_ns: int) -> list[str]:
+    """Files of the record of an interrupted session, all its parts."""
     now, place = _stamp(path), Path(path)
     found = [] if now is None or now == before else [path]
     parts = place.parent.glob(f"{glob.escape(place.stem)}.part*{glob.escape(place.suffix)}")
-    found += sorted(str(p) for p in parts if p.stat().st_mtime_ns > began_ns)
-    if not found:
-        return "it had not begun to record"
-    return f"what was recorded until then is in {', '.join(found)}"
+    return found + sorted(str(p) for p in parts if p.stat().st_mtime_ns > began_ns)
+
+
+def until_then(files: Sequence[str]) -> str:
+    """Closing table of a session that was broken off; empty where it could not be closed.
+
+    Parameters
+    ----------
+    files : sequence of str
+        Its parts; the last one holds the totals.
+
+    Raises
+    ------
+    DataError
+        If that cannot be read.
+    """
+    end = mcap_read.read_metadata(files[-1]).get("end", {})
+    if not end:
+        return ""
+    rows = [
+        *(("" if k else "session", path) for k, path in enumerate(files)),
+        ("clock", end["clock"]),
+        ("ticks", f"{end['ticks']} in {end['seconds']} s, then {end['how']}"),
+        ("missed deadlines", end["missed"]),
+        ("rows dropped", f"{end['dropped']} of the ring"),
+    ]
+    return "".join(f"{name:<17} {value}\n" for name, value in rows)
 
 
 def differences(path: str) -> list[str]:

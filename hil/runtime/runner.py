@@ -316,11 +316,24 @@ class Session:
                 self.writer.event(loop.tick, end_ns, "power-cut", self.trip)
                 self.writer.metadata(WATCHDOG, {"report": json.dumps(self.trip)})
             self.writer.event(loop.tick, end_ns, name, said)
+            self.writer.metadata("end", self._totals(name))
             session.conclude(self.writer, self.statistics, self.arrangement)
             self.writer.close()
         except OSError as error:
             self.slow.trouble = error
             self.writer.abandon()
+
+    def _totals(self, name: str) -> dict[str, str]:
+        """How a session ended and what it was until then, as the loop counts it."""
+        loop, config = self.loop, self.config.loop
+        return {
+            "how": name,
+            "clock": config.clock,
+            "ticks": str(loop.tick - self.timer.missed),
+            "seconds": f"{loop.tick * config.period_ns * 1e-9:.3f}",
+            "missed": str(self.timer.missed),
+            "dropped": str(loop.dropped),
+        }
 
     def figures(self) -> dict[str, float]:
         """Of the ticks so far."""

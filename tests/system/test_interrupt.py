@@ -1,6 +1,7 @@
 """Ctrl-C at any moment: one line, exit code 130, and where the record is."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -104,6 +105,11 @@ def test_while_a_session_is_recorded(tmp_path):
     assert done.stderr.count("interrupted") == 1
     found = load(tmp_path / "s.mcap", "leader")
     assert found.n > 100 and "note" not in found.metadata  # closed properly
+    told = dict(line.split(maxsplit=1) for line in done.stdout.splitlines() if line[:1] in "sct")
+    assert told["session"] == "s.mcap" and told["clock"] == "lockstep"
+    ticks, seconds = re.fullmatch(r"(\d+) in ([\d.]+) s, then broken off", told["ticks"]).groups()
+    assert int(ticks) >= found.n and float(seconds) == pytest.approx(int(ticks) / 1000)
+    assert "rows dropped" in done.stdout
 
 
 @pytest.mark.parametrize("many", [1, 3])
