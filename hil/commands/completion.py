@@ -59,15 +59,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _words(text: str, actions: Sequence[argparse.Action]) -> Words:
-    options = tuple(_option(a) for a in actions if a.option_strings)
+    shown = [a for a in actions if a.help != argparse.SUPPRESS]
+    options = tuple(_option(a) for a in shown if a.option_strings)
     values = [str(v) for a in actions if not a.option_strings for v in a.choices or ()]
     return Words(_plain(text), options, tuple(values))
 
 
 def _option(action: argparse.Action) -> ShellOption:
     values = tuple(str(v) for v in action.choices or ())
-    text = "" if action.help in (None, argparse.SUPPRESS) else str(action.help)
-    return ShellOption(tuple(action.option_strings), _plain(text), values, action.nargs != 0)
+    text = _plain(str(action.help or ""))
+    return ShellOption(tuple(action.option_strings), text, values, action.nargs != 0)
 
 
 def _plain(text: str) -> str:

@@ -541,7 +541,7 @@ class CheckResult:
     evidence: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, eq=False)
 class Diagnosis(Plotted):
     """Verdict, findings and everything they rest on.
 

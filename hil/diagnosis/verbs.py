@@ -45,7 +45,7 @@ __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
 # ------------------------------------------------------------ verbs
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Comparison(Plotted):
     """A model against measurements.
 

@@ -17,7 +17,7 @@ from hil.shown import Shown
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class FitResult(Shown):
     """A fitted model.
 

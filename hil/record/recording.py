@@ -148,7 +148,7 @@ GROUPS = {
 COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Recording(Shown):
     """One run of one arm, n samples of d joints, SI units throughout.
 

@@ -49,6 +49,16 @@ def test_arrays_are_the_recording(plain):
     assert run.wrench.shape == (plain.n, 6) and not run.wrench[:, 3:].any()
 
 
+def test_recordings_and_results_are_compared_as_the_objects_that_they_are(plain):
+    """Arrays have no truth value: `run == other`, `run in runs` and sets had raised."""
+    other = replace(plain)
+    assert plain == plain and plain != other
+    assert plain in [other, plain] and len({plain, other, plain}) == 2
+    fitted = hil.fit(plain, hil.base_model(plain.robot))
+    again = hil.fit(plain, hil.base_model(plain.robot))
+    assert fitted == fitted and fitted != again and fitted in {fitted}
+
+
 def test_one_joint_may_be_a_vector_and_a_list(plain):
     run = hil.from_arrays(list(plain.t), list(plain.q[:, 0]), plain.tau[:, 0])
     assert np.array_equal(run.q, plain.q)

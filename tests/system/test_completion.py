@@ -73,3 +73,4 @@ def test_every_option_of_every_command_is_in_the_script(capsys, shell):
     for word in ("--holdout", "--effort-topic", "--clock", "--all-runs", "quiet"):
         assert word.removeprefix("--") in text
     assert all(name in text for name in COMMANDS)
+    assert "--board" not in text and "-l board" not in text  # of the program itself
