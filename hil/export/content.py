@@ -6,7 +6,7 @@ A target has a vocabulary.  What of a model is not in it is lost, and said to be
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,8 +28,9 @@ FloatArray = NDArray[np.float64]
 SENSOR = "sensor"
 #: Share of the recorded range beyond a stop from which it is no end of the range.
 DEEPEST = 1 / 3
-#: Formulas of friction that simulators have.
+#: Formulas of friction that simulators have, and the effects that these are.
 _FRICTION = ("sign", "v")
+STAND_INS = ("coulomb", "viscous")
 #: Speeds at which laws of friction are compared; way between two instants of a stroke [rad or m].
 SPEEDS, STROKE = 40, 100.0
 
@@ -221,6 +222,39 @@ class Content:
             state = {"q": q[:, j], "v": qd[:, j], "a": qdd[:, j], "vk": qd[:, k], **every}
             out[:, j] += c.value * formula.evaluate(c.text, {**c.known, **state})
         return out
+
+
+def stand_ins(
+    kept: Sequence[Use], lost: Sequence[Lost], words: Vocabulary, joints: tuple[str, ...]
+) -> list[Use]:
+    """Coulomb and viscous friction for joints that lose a law of friction and have them not.
+
+    They are fitted; the law may have been all the friction of its joint.
+
+    Parameters
+    ----------
+    kept, lost : sequence of Use, of Lost
+        What a target can say of a model, and what not.
+    words : Vocabulary
+        Of the target.
+    joints : tuple of str
+        All of the robot.
+    """
+    bare = [
+        j
+        for j in joints
+        if any(
+            catalogue.get(x.effect).family == "friction" and (x.joints == ALL or j in x.joints)
+            for x in lost
+        )
+    ]
+    out = []
+    for name in STAND_INS:
+        there = [use.joints for use in kept if use.type == name]
+        new = tuple(j for j in bare if not any(own == ALL or j in own for own in there))
+        if new and not words.lacks(catalogue.get(name)):
+            out.append(Use(name, new))
+    return out
 
 
 def slid(

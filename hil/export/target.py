@@ -24,7 +24,16 @@ from hil.diagnosis.types import Step
 from hil.diagnosis.verbs import make_problem
 from hil.errors import ConfigError, printable
 from hil.export import trees
-from hil.export.content import SENSOR, Content, Lost, Vocabulary, slid, translate
+from hil.export.content import (
+    SENSOR,
+    STAND_INS,
+    Content,
+    Lost,
+    Vocabulary,
+    slid,
+    stand_ins,
+    translate,
+)
 from hil.identify.fit import fit
 from hil.identify.gauss_newton import complete
 from hil.identify.parallel import single_threaded
@@ -376,7 +385,7 @@ def _refitted(
     content = replace(content, lost=(*lost, *content.lost))
     steps: tuple[Step, ...] = (before,) if after is before else (before, after)
     notes = [text for _, text in after.result.warnings]
-    notes += _moved(before.result, after.result)
+    notes += _stood_in(model, left, lost) + _moved(before.result, after.result)
     if base is not None:
         notes.append(_leans(base))
     if content.bodies is None or not words.bodies:
@@ -426,7 +435,8 @@ def reduced(
     """A model without what a target cannot say, and that; `joints` are all of the robot.
 
     Coefficients that every run has of its own become one for all.  What the sensors do stays: it is
-    no part of the robot, and no target gets it.
+    no part of the robot, and no target gets it.  Simple friction stands for laws of it that are
+    lost (`stand_ins`).
 
     Raises
     ------
@@ -457,7 +467,26 @@ def reduced(
         raise ConfigError(
             f"the target can say none of the model's effects: {', '.join(model.names())}"
         )
+    kept += stand_ins(kept, lost, words, joints)
     return replace(model, effects=tuple(kept)), lost
+
+
+def _stood_in(model: RobotModel, left: RobotModel, lost: list[Lost]) -> list[str]:
+    """A note on friction that stands for laws that are lost; empty where none does."""
+    new = [
+        u
+        for u in left.effects
+        if u.type in STAND_INS
+        and not any(
+            o.type == u.type and (o.joints == ALL or set(u.joints) <= set(o.joints))
+            for o in model.effects
+        )
+    ]
+    if not new:
+        return []
+    names = {x.effect for x in lost if catalogue.get(x.effect).family == "friction"}
+    what = " and ".join(f"{u.type} on {', '.join(u.joints)}" for u in new)
+    return [f"{what} {'stands' if len(new) == 1 else 'stand'} for {', '.join(sorted(names))}"]
 
 
 def _shared(use: Use, model: RobotModel) -> bool:

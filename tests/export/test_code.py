@@ -16,7 +16,7 @@ import hil
 from hil.errors import ConfigError
 from hil.export import code
 from hil.export.content import Content, Vocabulary, translate
-from hil.export.target import Job, get, reduced
+from hil.export.target import Job, get, reduced, within
 from hil.models import bodies
 from hil.models.files import read_model, write_model
 from hil.models.model import Use, base_model
@@ -218,6 +218,22 @@ def test_what_the_sensors_do_stays_in_the_fit_and_out_of_the_program():
     left, lost = reduced(model, words, ("joint1",))
     assert "encoder-eccentricity" in left.names() and "friction-drift" not in left.names()
     assert [x.effect for x in lost] == ["friction-drift"]
+
+
+def test_simple_friction_stands_for_a_law_that_was_all_the_friction_of_its_joint():
+    """A program that lost the presliding of such a joint had no dry friction at all."""
+    runs = [plants.smooth_axis(k, 6.0, 250.0) for k in range(2)]
+    base = base_model(runs[0].robot)
+    model = replace(base, effects=tuple(u for u in base.effects if u.type != "coulomb"))
+    found = within(model + "presliding", Vocabulary(), runs[:1], runs[1:])
+    whole, left = found.steps
+    assert left.heldout.relative[0] < 1.5 * whole.heldout.relative[0] + 0.5
+    assert left.result.values["j1.coulomb.fc"].value == pytest.approx(0.3, rel=0.1)
+    assert "coulomb on joint1 stands for presliding" in found.notes
+    # what a model has of it stays alone, and a target without a word for it gets none
+    assert "stands for" not in " ".join(within(base, Vocabulary(), runs[:1], []).notes)
+    left, lost = reduced(model + "presliding", Vocabulary(columns=("v",)), ("joint1",))
+    assert "coulomb" not in left.names() and "presliding" in {x.effect for x in lost}
 
 
 def test_a_model_of_contact_has_no_feed_forward(arm):
