@@ -17,9 +17,11 @@ import numpy as np
 from hil import terminal
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Added, Comparison
+from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.errors import ConfigError
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, Value, in_words, without_error
+from hil.models.robots import undescribed
 from hil.record.recording import COLUMNS, Recording
 from hil.report import elements
 from hil.report import text as sentences
@@ -100,7 +102,9 @@ def _(shown: Recording) -> Sheet:
     length = f"{shown.t[-1] - shown.t[0]:.4g} s at {shown.rate:.4g} Hz" if shown.n > 1 else "empty"
     beside = [name for name in COLUMNS[2:] if getattr(shown, name) is not None]
     robot = shown.robot.preset or "a URDF"
-    lines = [f"arm {shown.arm}; robot: {robot}"]
+    lacking = undescribed(shown.robot, shown.d)
+    lines = [sentences.ended(lacking)] if lacking else []
+    lines += [f"arm {shown.arm}; robot: {robot}"]
     lines += [f"also recorded: {', '.join(beside)}"] if beside else []
     lines += [f"note: {note}"] if (note := shown.metadata.get("note")) else []
     effort = " or ".join("N" if u == "m" else "N m" for u in units)
@@ -129,7 +133,10 @@ def _(shown: RobotModel) -> Sheet:
 def _(shown: FitResult) -> Sheet:
     joints = shown.problem.joints
     errors = ", ".join(f"{j} {x:.2f} %" for j, x in zip(joints, shown.relative, strict=True))
-    lines = (f"error of the fitted data, rms residual over rms effort: {errors}",)
+    lacks = [sentences.ended(w) for code, w in shown.warnings if code == NO_GEOMETRY]
+    others = [f"warning: {w}" for code, w in shown.warnings if code != NO_GEOMETRY]
+    error = f"error of the fitted data, rms residual over rms effort: {errors}"
+    lines = (*lacks, error, *others)
     rows = [_parameter(n, v, tuple(joints)) for n, v in shown.values.items()]
     return Sheet(f"FitResult of {_runs(shown)}", lines, PARAMETERS, rows)
 
@@ -163,7 +170,8 @@ def _(shown: Comparison) -> Sheet:
         for j, joint in enumerate(shown.result.problem.joints)
     ]
     head = ("joint", "held-out error %", "noise floor %", "error/floor", "simulated error %")
-    lines = tuple(f"warning: {f.sentence}" for f in shown.faults)
+    lacks = [sentences.ended(f.sentence) for f in shown.faults if f.code == NO_GEOMETRY]
+    lines = (*lacks, *(f"warning: {f.sentence}" for f in shown.faults if f.code != NO_GEOMETRY))
     return Sheet(f"Comparison of a model with {_runs(shown.result)}", lines, head, rows)
 
 

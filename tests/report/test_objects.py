@@ -26,6 +26,18 @@ def answer(run):
     return hil.diagnose(run, hil.base_model(run.robot))
 
 
+def test_objects_of_joints_without_a_description_say_so_first():
+    """A recording, a fit and a comparison at a prompt; not of one joint, nor of a described arm."""
+    two = plants.joints()
+    model = hil.base_model(two.robot)
+    for shown in (two, hil.fit(two, model), hil.compare(two, model)):
+        lines = str(shown).splitlines()
+        assert lines[1].startswith("  2 joints without a robot description: "), lines[:3]
+        assert str(shown).count("without a robot description") == 1
+        assert "without a robot description" in shown._repr_html_()
+    assert "without a robot description" not in str(plants.spatial(1))
+
+
 def test_a_model_prints_its_parameters(run, answer):
     empty, fitted = hil.base_model(run.robot), answer.model
     assert "no values yet: hil.fit finds them" in str(empty) and "coulomb" in str(empty)
