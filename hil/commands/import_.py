@@ -31,17 +31,17 @@ from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
-from hil.record.guess import propose
+from hil.record.guess import Proposal, propose
 from hil.record.locked import free_joints
-from hil.record.mapfile import Rule, TableMap, builtin_maps, read_map
+from hil.record.mapfile import Rule, TableMap, builtin_maps, parse_map, read_map
 from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.sources import importable
-from hil.record.table_files import is_dataset, open_table, run_names
+from hil.record.table_files import ForeignTable, is_dataset, open_table, run_names
 from hil.record.tables import Imported, import_table
 from hil.record.text_tables import PACKED
 from hil.record.units import axes_unit, epoch_unit
-from hil.userfile import read_text, write_text
+from hil.userfile import parse_toml, read_text, write_text
 
 
 def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:
@@ -247,7 +247,7 @@ def run(args: argparse.Namespace) -> int:
     if args.propose_map:
         return _propose(args, table, mapping)
     if args.dry_run:
-        return _show(args, {table: _read(args, table, mapping, args.which)})
+        return _show(args, {table: _guessed(args, table, mapping)})
     if not args.output:
         raise ConfigError("-o S.mcap is missing; --dry-run shows what would be read without it")
     output = Path(args.output)
@@ -453,14 +453,44 @@ def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which
     return found
 
 
+#: How the note begins on a table that is shown by a map that does not exist yet.
+GUESSED = "guessed"
+
+
+def _guessed(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> Imported:
+    """A table as an import would read it; one of other names by the map that they propose."""
+    try:
+        return _read(args, table, mapping, args.which)
+    except (DataError, ConfigError) as error:
+        found = None
+        if mapping is None and "has no column" in str(error):
+            found = _proposal(args, open_table(table, run=args.which))
+        if found is None or found.missing:
+            raise
+    given = parse_map(parse_toml(found.text), common.torque_constants(args.torque_constant))
+    made = _read(args, table, given, args.which)
+    words = shlex.join(["hil", "import", str(table), "--propose-map", "MAP.toml"])
+    note = (
+        f"{GUESSED}: the columns have other names than 'hil import' knows, and are shown as their "
+        f"names and units say. '{words}' writes this as a map; check its units and signs, and give "
+        "it with --map"
+    )
+    return replace(made, notes=(note, *made.notes))
+
+
+def _proposal(args: argparse.Namespace, table: ForeignTable) -> Proposal | None:
+    """The map that the names of the columns propose, with the joints of --robot."""
+    joints = [j.name for j in free_joints(read_text(Path(args.robot)))] if args.robot else []
+    return propose(table.names, joints, table.first)
+
+
 def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> int:
     """Write a map from the names of the columns; an existing file is left as it is."""
     if mapping is not None:
         raise ConfigError("--map and --propose-map exclude each other; give one of them")
     place = Path(args.propose_map)
     table = open_table(path, run=args.which)
-    joints = [j.name for j in free_joints(read_text(Path(args.robot)))] if args.robot else []
-    found = propose(table.names, joints, table.first)
+    found = _proposal(args, table)
     if found is None:
         raise DataError(
             f"table {path}: no column's name says a quantity or a unit. It has: "
@@ -505,11 +535,10 @@ def _show(args: argparse.Namespace, found: Mapping[Path, Imported]) -> int:
         sys.stdout.write(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
         return 0
     said = "\n".join(preview(table, one) for table, one in found.items())
-    sys.stdout.write(terminal.sentences(f"{said}{_NOTHING}\n"))
+    guessed = any(note.startswith(GUESSED) for one in found.values() for note in one.notes)
+    how = "" if guessed else "; to write it, give -o S.mcap instead of --dry-run"
+    sys.stdout.write(terminal.sentences(f"{said}nothing was written{how}\n"))
     return 0
-
-
-_NOTHING = "nothing was written; to write it, give -o S.mcap instead of --dry-run"
 
 
 def _shown(found: Imported) -> dict[str, object]:

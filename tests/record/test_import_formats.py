@@ -220,6 +220,32 @@ def test_a_proposed_map_as_json_or_in_quiet(tmp_path, frame, capsys):
     assert not any(capsys.readouterr()) and place.exists()
 
 
+def test_a_dry_run_shows_what_names_and_units_say_where_there_is_no_map(tmp_path, frame, capsys):
+    """What it shows is what the proposed map reads; names that say too little are refused."""
+    names = {"t": "time_ms", "q1": "pos_deg_J1", "q2": "pos_deg_J2"}
+    names |= {"tau1": "trq_Nm_J1", "tau2": "trq_Nm_J2"}
+    other = frame[list(names)].rename(columns=names)
+    other["time_ms"] *= 1e3
+    table, place = write_csv(tmp_path / "lab.csv", other), tmp_path / "m.toml"
+    assert main(["import", str(table), "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "0.0174533 * pos_deg_J1" in shown and "guessed: " in shown
+    assert shown.endswith("nothing was written\n") and list(tmp_path.iterdir()) == [table]
+    assert main(["import", str(table), "--propose-map", str(place), "--quiet"]) == 0
+    assert main(["import", str(table), "--dry-run", "--json"]) == 0
+    guessed = json.loads(capsys.readouterr().out)
+    assert main(["import", str(table), "--dry-run", "--json", "--map", str(place)]) == 0
+    known = json.loads(capsys.readouterr().out)
+    assert guessed["notes"].pop(0).startswith("guessed: ") and guessed == known
+    assert main(["import", str(table), "-o", str(tmp_path / "s.mcap")]) == 2
+    bare = write_csv(
+        tmp_path / "bare.csv", other.rename(columns={"trq_Nm_J1": "x", "trq_Nm_J2": "y"})
+    )
+    capsys.readouterr()
+    assert main(["import", str(bare), "--dry-run"]) == 2
+    assert "has no column" in capsys.readouterr().err
+
+
 def test_every_run_in_quiet(tmp_path, frame, capsys):
     """Nothing where all is well; else what cannot be fitted."""
     table = tmp_path / "two.xlsx"
