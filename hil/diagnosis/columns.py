@@ -79,7 +79,7 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
     # of what leaves as little, the fewest changes, and masses like the described ones
     near = [x for x in found if x.size <= (1 + WORTH) * least]
     best = min(near, key=lambda x: (x.changes, round(x.off, 1), x.size))
-    return [(best.code, best.text)]
+    return [(best.code, best.text)] if best.text else []
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class _Answer:
         Error that it leaves [%]; half of it where efforts alone are read in another way, which is
         less to assume than a posture.
     code, text : str
-        What is said.
+        What is said; no text where an effect of the catalogue says the same.
     changes : int
         How many entries of a map it changes.
     off : float
@@ -380,6 +380,7 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
         after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
         if _fits(after, before, x.share) or (x.fixed and _freed(after, result)):
             said = f"{x.text}, and import again: the model's error {_falls(after, result)}"
+            said = said if x.text else ""
             if TIMES in said:
                 said = said.replace(TIMES, f"{times(x, after):.2g}")
             out.append(_Answer(_size(after), x.code, said, x.changes, _off(after)))

@@ -15,7 +15,7 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.model import base_model
-from hil.record.recording import Recording
+from hil.record.recording import Recording, RobotSource
 
 
 def read(run: Recording, j: int, sign=1.0, shift=0.0, ratio=1.0, effort=1.0) -> Recording:
@@ -133,3 +133,52 @@ def test_columns_in_another_order_are_bad_data_and_said():
     ((code, text),) = found.warnings
     assert code == "order"
     assert "joint1 is q3 and tau3, joint3 is q1 and tau1" in text
+
+
+PAN = """<robot name="head"><link name="base"/>
+<link name="post"><inertial><origin xyz="0.03 0.01 0.05"/><mass value="1.6"/>
+<inertia ixx="0.006" iyy="0.006" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="head"><inertial><origin xyz="0.09 0.01 0.02"/><mass value="1.5"/>
+<inertia ixx="0.003" iyy="0.004" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="post"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="50" velocity="9"/></joint>
+<joint name="nod" type="revolute"><parent link="post"/><child link="head"/>
+<origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="9"/></joint></robot>"""
+
+
+def leaning_head(seed: int, angle: float) -> Recording:
+    """A head on a post whose first axis carries next to nothing but what a lean brings."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 24.0, 0.004)
+    w, phase = 2 * np.pi * rng.uniform(0.1, 0.6, (3, 2, 1)), rng.uniform(0, 6, (3, 2, 1))
+    size = 0.5 * np.array([1.0, 0.6])[:, None]
+    q, v, a = (
+        np.sum(size * w**k * np.sin(w * t + phase + k * np.pi / 2), axis=0).T for k in range(3)
+    )
+    model = pin.buildModelFromXML(PAN)
+    turn = pin.exp3(np.radians(angle) * np.array([0.8, -0.6, 0.0]))
+    model.gravity.linear = turn @ np.array([0.0, 0.0, -9.81])
+    data = model.createData()
+    tau = np.array([pin.rnea(model, data, *x) for x in zip(q, v, a, strict=True)])
+    tau += 0.05 * np.tanh(v / 0.01) + 0.02 * v + 0.01 * rng.standard_normal(v.shape)
+    return Recording(f"run{seed}", "head", ("pan", "nod"), t, q, tau, robot=RobotSource("", PAN))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_base_that_leans_a_little_is_an_effect_and_no_fault_of_the_recording(seed):
+    """Even where that is most of a joint's error, and other columns imitate a part of it."""
+    run, held = leaning_head(seed, 4.0), leaning_head(seed + 10, 4.0)
+    found = hil.diagnose(run, base_model(run.robot), held)
+    assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]
+    turn = [v.value for v in found.findings[0].parameters.values()]
+    np.testing.assert_allclose(np.abs(turn), np.radians(4.0) * np.array([0.8, 0.6]), atol=0.004)
+
+
+@pytest.mark.parametrize(("angle", "little"), [(4, 1), (13, 1), (16, 0), (90, 0), (180, 0)])
+def test_how_far_a_base_leans_before_it_is_another_description(angle, little):
+    run = plants.serial_arm(5, 1)
+    found = Postures(fit(Problem([run], run.robot), base_model(run.robot)))
+    down = np.array([0.0, 0.0, -9.81])
+    turn = pin.exp3(np.radians(angle) * np.array([0.6, 0.8, 0.0]))
+    assert found.leans(turn @ down) == little
+    assert not found.leans(np.zeros(3))
