@@ -15,7 +15,7 @@ from pathlib import Path
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_read import read_metadata
-from hil.userfile import parse_toml, read_text
+from hil.userfile import read_text
 
 
 def check(
@@ -131,11 +131,9 @@ def writing(path: str | Path) -> Iterator[None]:
 
 def is_model(path: Path) -> bool:
     """Whether a file is a model file, or empty."""
-    try:
-        text = read_text(path)
-        return not text.strip() or str(parse_toml(text).get("schema")).startswith("hil.model/")
-    except (OSError, ValueError):
-        return False
+    from hil.models import files  # the catalogue of effects, only where a file is there
+
+    return files.is_model(path)
 
 
 def is_report(path: Path) -> bool:

@@ -33,7 +33,7 @@ from hil.models.model import (
 from hil.record.recording import RobotSource, number, signal_value
 from hil.userfile import LARGEST_TEXT, parse_toml, read_bytes, read_text, write_text
 
-__all__ = ["SCHEMA", "read_model", "write_model"]
+__all__ = ["SCHEMA", "is_model", "read_model", "write_model"]
 _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid", "fitted")
 _RANGES = ("position", "speed", "load")
 _ROBOT = ("urdf", "preset", "tip", "arm", "explains")
@@ -253,8 +253,8 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     Raises
     ------
     ConfigError
-        If an argument is of another kind, the folder does not exist, or another file stands where
-        the URDF would go; then nothing is written.
+        If an argument is of another kind, the name does not end in .toml, the folder does not
+        exist, or another file stands there or where the URDF would go; then nothing is written.
     """
     if isinstance(path, RobotModel) or not isinstance(path, str | PathLike):
         raise ConfigError(
@@ -264,6 +264,7 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     model, path = as_model(model, "hil.write_model"), Path(path)
     if not path.parent.is_dir():
         raise ConfigError(f"cannot write {path}: folder {path.parent} does not exist")
+    _refuse_place(path)
     urdf = _urdf_place(model, path)
     lines = [f'schema = "{SCHEMA}"']
     if model.plugins:
@@ -279,6 +280,29 @@ def write_model(model: RobotModel, path: str | Path) -> None:
     if urdf and not urdf.exists():
         write_text(urdf, model.robot.urdf)
     write_text(path, "\n".join(lines) + "\n")
+
+
+def is_model(path: Path) -> bool:
+    """Whether a file is a model file, or empty."""
+    try:
+        text = read_text(path)
+        return not text.strip() or str(parse_toml(text).get("schema")).startswith("hil.model/")
+    except (OSError, ValueError):
+        return False
+
+
+def _refuse_place(path: Path) -> None:
+    """Refuse what is no place for a model: another ending, a folder, a file of another kind."""
+    if path.suffix.lower() != ".toml":
+        raise ConfigError(f"cannot write {path}: a model file ends in .toml; nothing was written")
+    if path.is_dir():
+        raise ConfigError(f"cannot write {path}: it is a folder; name a file in it")
+    # nothing is lost by writing to a device or a pipe
+    if path.is_file() and not is_model(path):
+        raise ConfigError(
+            f"cannot write {path}: a file is there that is not a model file; nothing was written, "
+            "choose another name or move it away"
+        )
 
 
 def _band_lines(of: str, band: Band) -> list[str]:
@@ -313,8 +337,6 @@ def _urdf_place(model: RobotModel, path: Path) -> Path | None:
     if not model.robot.urdf:
         return None
     place = path.with_suffix(".urdf")
-    if place == path:
-        raise ConfigError(f"cannot write {path}: its URDF has that name; call the model *.toml")
     if place.exists() and not _holds(place, model.robot.urdf):
         raise ConfigError(
             f"cannot write {path}: its URDF goes into {place}, which holds something else, "

@@ -28,7 +28,6 @@ from hil.report import effects
 from hil.report import text as sentences
 from hil.report.data import candidate_json, diagnosis_json, from_diagnosis, region_json, rounded
 from hil.report.html import comparison_report, diagnosis_report
-from hil.userfile import read_text
 
 #: Candidates that are listed.
 LISTED = 12
@@ -237,10 +236,6 @@ class Workbench:
     def save(self, path: str) -> dict[str, Any]:
         """Write the current fitted model; only over an older model file."""
         place = Path(path)
-        if place.suffix != ".toml":
-            raise ConfigError(f"cannot write {path}: a model file ends in .toml")
-        if place.exists() and "hil.model/" not in read_text(place)[:400]:
-            raise ConfigError(f"cannot write {path}: a file is there that is not a model file")
         write_model(self.compared().result.model, place)
         written = str(place.resolve())
         for rung in self.stack:  # what another model had there is gone

@@ -184,8 +184,40 @@ def test_another_file_at_the_urdf_s_place_stays(tmp_path: Path, there: str | Non
         write_model(model, tmp_path / "arm.toml")
     assert not (tmp_path / "arm.toml").exists()
     assert place.is_dir() if there is None else place.read_text() == there
-    with pytest.raises(ConfigError, match=r"call the model \*\.toml"):
-        write_model(model, tmp_path / "other.urdf")
+
+
+@pytest.mark.parametrize(
+    ("name", "there"),
+    [
+        ("run.csv", b"t,q1,tau1\n0,0,0\n"),
+        ("new.csv", None),
+        ("arm.urdf", b"<robot/>"),
+        ("mine.toml", b"x = 1\n"),
+        ("session.toml", b"\x89MCAP0\r\n"),
+        ("rig.toml", b'schema = "hil.rig/1"\n'),
+    ],
+)
+def test_a_model_is_written_over_no_file_of_another_kind(
+    tmp_path: Path, name: str, there: bytes | None
+) -> None:
+    place = tmp_path / name
+    if there is not None:
+        place.write_bytes(there)
+    expected = "a file is there that is not a model" if name.endswith("toml") else r"ends in \.toml"
+    with pytest.raises(ConfigError, match=expected) as caught:
+        write_model(base_model(RobotSource("", "<robot name='a'/>")), place)
+    assert "\n" not in str(caught.value)
+    assert (place.read_bytes() if there is not None else place.exists()) == (there or False)
+
+
+def test_a_model_replaces_an_older_model_and_an_empty_file(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").touch()
+    for model in (BASE, BASE + "spring"):
+        write_model(model, tmp_path / "m.toml")
+        assert_same(read_model(tmp_path / "m.toml"), model)
+    with pytest.raises(ConfigError, match="it is a folder"):
+        (tmp_path / "f.toml").mkdir()
+        write_model(BASE, tmp_path / "f.toml")
 
 
 @given(

@@ -309,8 +309,8 @@ def test_what_a_diagnosis_recommends_outlives_its_process(tmp_path):
     [
         ("report", {"path": "nowhere/r.html"}, "report did not reach .*nowhere.*No such file"),
         ("export", {"kind": "mjcf", "path": "nowhere/a.xml"}, "folder nowhere does not exist"),
-        ("save", {"path": "folder.toml"}, "save did not reach .*folder.toml"),
-        ("save", {"path": "latin.toml"}, "not text in UTF-8"),
+        ("save", {"path": "folder.toml"}, "folder.toml: it is a folder; name a file in it"),
+        ("save", {"path": "latin.toml"}, "a file is there that is not a model file"),
         ("save", {"path": "x" * 300 + ".toml"}, "save did not reach .*too long"),
         ("save", {"path": "a\0.toml"}, "ValueError.*The models stay"),
     ],
