@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.errors import ConfigError, DataError, listed_names, plural, unknown
-from hil.record.recording import GROUPS, PRESETS, WRENCH, Recording, RobotSource
+from hil.record.recording import GROUPS, PRESETS, WRENCH, Recording, RobotSource, refuse_names
 
 if TYPE_CHECKING:  # the reader of tables, only where arrays come as such
     from hil.record.mapfile import TableMap
@@ -342,6 +342,7 @@ def _named(run: Recording, joints: tuple[str, ...]) -> Recording:
         return run
     if len(joints) != run.d:
         raise ConfigError(f"{plural(len(joints), 'name')} in joints, but {run.d} columns of q")
+    refuse_names(joints)
     return replace(run, joints=joints)
 
 

@@ -129,6 +129,7 @@ def messages(path: str, most: int) -> Iterator[tuple[str, str | None, np.ndarray
     bag = _Bag(path)
     groups: dict[tuple[str, ...], _Group] = {}
     texts: dict[str, str] = {}
+    unnamed: dict[str, Sequence[str]] = {}
     size = 0
     with bag.reader as reader:
         known = [c for c in reader.connections if c.msgtype in _READ or _is_description(c)]
@@ -138,7 +139,11 @@ def messages(path: str, most: int) -> Iterator[tuple[str, str | None, np.ndarray
             if connection.msgtype == _TEXT:
                 texts[connection.topic] = message.data
                 continue
-            size += _take(groups, connection, stamp, message)
+            held = _READ[connection.msgtype][1](message)
+            if len(set(held[0])) < len(held[0]) or not held[0]:
+                unnamed.setdefault(connection.topic, list(held[0]))
+                continue
+            size += _take(groups, connection, stamp, message, held)
             if size > most or seen >= MOST_MESSAGES:
                 raise DataError(f"holds more than {most >> 20} MiB of joint states; split it")
     about = {
@@ -148,6 +153,7 @@ def messages(path: str, most: int) -> Iterator[tuple[str, str | None, np.ndarray
         ],
         "texts": texts,
         "others": others,
+        "unnamed": unnamed,
     }
     yield "about", None, np.frombuffer(json.dumps(about).encode(), np.uint8)
     for k, g in enumerate(groups.values()):
@@ -160,12 +166,11 @@ def _is_description(connection: Any) -> bool:
     return connection.msgtype == _TEXT and topic.endswith("robot_description")
 
 
-def _take(groups: dict[tuple[str, ...], _Group], connection: Any, stamp: int, message: Any) -> int:
+def _take(
+    groups: dict[tuple[str, ...], _Group], connection: Any, stamp: int, message: Any, held: _Row
+) -> int:
     """Add a message to its group; how many bytes that takes."""
-    parts, read = _READ[connection.msgtype]
-    names, frame, values = read(message)
-    if len(set(names)) < len(names) or not names:
-        return 0
+    (parts, _), (names, frame, values) = _READ[connection.msgtype], held
     key = (connection.topic, frame, *sorted(names))
     group = groups.get(key)
     if group is None:

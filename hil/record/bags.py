@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
 from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
-from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource
+from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource, refuse_names
 from hil.record.schema import LIBRARY
 
 FloatArray = NDArray[np.float64]
@@ -126,6 +126,8 @@ class _Bag:
     groups: tuple[_Group, ...]
     texts: Mapping[str, str]
     others: Mapping[str, str]
+    #: Names in the first message of each topic that cannot be told apart.
+    unnamed: Mapping[str, list[str]]
 
 
 def is_bag(path: str | Path) -> bool:
@@ -200,7 +202,7 @@ def _open(path: Path) -> _Bag:
         names = tuple(str(n) for n in told["names"])
         topic, kind, frame = (str(told[key]) for key in ("topic", "type", "frame"))
         groups.append(_Group(topic, kind, names, frame, received, written, parts))
-    return _Bag(path, tuple(groups), about["texts"], about["others"])
+    return _Bag(path, tuple(groups), about["texts"], about["others"], about["unnamed"])
 
 
 _CLOCKS = ("stamp", "header")
@@ -220,7 +222,9 @@ def _states(bag: _Bag, chosen: BagChoice) -> dict[str, _Group]:
             )
         found = [g for g in found if g.topic == chosen.topic]
     if not found:
-        raise DataError(f"bag {bag.path} has no joint positions. It has: {_topics(bag)}")
+        raise DataError(
+            f"bag {bag.path} has no joint positions{_unnamed(bag)}. It has: {_topics(bag)}"
+        )
     if chosen.joints:
         whole = [g for g in found if set(chosen.joints) <= set(g.names)]
         if not whole:
@@ -274,8 +278,20 @@ def _choices(groups: Sequence[_Group]) -> str:
     return "; ".join(f"{g.topic} ({', '.join(g.names)})" for g in groups)
 
 
+def _unnamed(bag: _Bag) -> str:
+    """Topics whose messages were passed over, and why."""
+    told = [
+        f"the messages of {topic} name a joint twice ({', '.join(map(repr, names))})"
+        if names
+        else f"the messages of {topic} name no joint"
+        for topic, names in bag.unnamed.items()
+    ]
+    return f": {'; '.join(told)}; record it with a name for each joint" if told else ""
+
+
 def _topics(bag: _Bag) -> str:
     have = {g.topic: g.type for g in bag.groups} | dict(bag.others)
+    have |= {topic: "not used" for topic in bag.unnamed if topic not in have}
     return ", ".join(f"{t} ({k})" for t, k in sorted(have.items())) or "no messages"
 
 
@@ -458,6 +474,10 @@ def _recording(
     state, effort = _renamed(state, called), _renamed(effort, called)
     chosen = replace(chosen, joints=tuple(called.get(n, n) for n in chosen.joints))
     what = _joints(bag, arm, state, effort, chosen)
+    try:
+        refuse_names(what.names)
+    except DataError as error:
+        raise DataError(f"bag {bag.path}, {state.topic}: {error}; record it again") from error
     force = _force(bag, chosen)
     used = [g for g in (state, effort, force) if g is not None]
     clock = "header" if all(g.stamped for g in used) else "stamp"

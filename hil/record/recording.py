@@ -148,6 +148,26 @@ GROUPS = {
 COLUMNS = ("q", "tau", "qd", "wrench", "tau_ext", "current", "temperature")
 
 
+def refuse_names(joints: Sequence[str]) -> None:
+    """Refuse names of joints that no file gives back: empty, not printable, or there twice.
+
+    Raises
+    ------
+    DataError
+        With the first one.
+    """
+    for k, name in enumerate(joints):
+        if not name.strip() or not name.isprintable():
+            raise DataError(
+                f"joint {k + 1} has the name {name[:80]!r}; expected a word of printable characters"
+            )
+        if name in joints[:k]:
+            raise DataError(
+                f"joints {joints.index(name) + 1} and {k + 1} have the same name, {name[:80]!r}; "
+                "give each its own"
+            )
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Recording(Shown):
     """One run of one arm, n samples of d joints, SI units throughout.

@@ -349,6 +349,23 @@ def test_a_wrong_argument_gets_one_sentence(call, said, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (["a", "a"], "joints 1 and 2 have the same name, 'a'; give each its own"),
+        (["a", ""], "joint 2 has the name ''; expected a word"),
+        (["x\n", "y"], r"joint 1 has the name 'x\\n'; expected a word"),
+        (["a\u202e", "y"], "joint 1 has the name"),
+    ],
+)
+def test_names_of_joints_that_no_file_gives_back_are_refused(joints, said):
+    t = np.arange(50) * 0.01
+    q = np.stack([np.sin(t), np.cos(t)], axis=1)
+    with pytest.raises(DataError, match=said):
+        hil.from_arrays(t, q, q, joints=joints)
+    assert hil.from_arrays(t, q, q, joints=["jo int", "ü"]).joints == ("jo int", "ü")
+
+
 MODEL = hil.base_model(RobotSource("single-axis"))
 
 

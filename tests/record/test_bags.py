@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import os
+import re
 import sqlite3
 from pathlib import Path
 
@@ -243,6 +244,24 @@ def test_a_joint_of_which_nothing_is_known_is_locked_without_a_word(tmp_path):
 def test_what_is_not_there_is_said(plain, choice, said):
     with pytest.raises(ValueError, match=said):
         read_bag(plain, choice)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("a", "a"), r"the messages of /joint_states name a joint twice \('a', 'a'\)"),
+        ((), "the messages of /joint_states name no joint"),
+        (("jo int ü", "x\ny"), r"/joint_states: joint 2 has the name 'x\\ny'; expected a word"),
+        (("", "b"), "joint 1 has the name ''"),
+    ],
+)
+def test_names_that_no_session_gives_back_are_refused_at_the_import(tmp_path, names, said, capsys):
+    with BagFile(tmp_path, "mcap", "b") as bag:
+        bag.joints("/joint_states", T, names, *motion())
+    assert main(["import", str(bag.path), "-o", str(tmp_path / "s.mcap")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and re.search(said, error)
+    assert not (tmp_path / "s.mcap").exists()
 
 
 def test_a_robot_of_other_joints_is_refused(plain):
