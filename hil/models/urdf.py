@@ -38,6 +38,20 @@ def _mute() -> Iterator[None]:
         os.close(kept)
 
 
+#: Elements of a joint of which its motion does not depend.
+_NO_MOTION = ("limit", "dynamics", "safety_controller", "calibration")
+
+
+def _bodies_text(root: ET.Element) -> str:
+    """The description without limits, of which the library wants all or refuses the robot."""
+    for joint in root.findall("joint"):
+        for element in [e for tag in _NO_MOTION for e in joint.findall(tag)]:
+            joint.remove(element)
+        if joint.get("type") in ("revolute", "prismatic"):
+            ET.SubElement(joint, "limit", effort="0", velocity="0")
+    return ET.tostring(root, encoding="unicode")
+
+
 class UrdfRobot:
     """Serial or tree robot with one-degree-of-freedom joints.
 
@@ -71,7 +85,7 @@ class UrdfRobot:
         self._pin = pin
         try:
             with _mute():
-                self._model = pin.buildModelFromXML(urdf)
+                self._model = pin.buildModelFromXML(_bodies_text(root))
         except (ValueError, RuntimeError) as error:
             raise ConfigError(f"the URDF does not parse: {error}") from error
         model = self._model

@@ -170,12 +170,16 @@ def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...]
     low = np.array(arm.position_min) if arm.position_min else known.low
     high = np.array(arm.position_max) if arm.position_max else known.high
     own = [k for k in ("position", "workspace") if getattr(arm, f"{k}_min")]
+    # a speed that the robot does not state, the file has to: nothing is assumed
+    lacking = [k for what, k in known.unstated if what == "speed"]
+    speed = np.where(np.isin(np.arange(low.size), lacking), INF, known.speed)
     out = replace(
         known,
         low=low,
         high=high,
         box=_box(arm, known.box),
-        speed=np.minimum(known.speed, arm.speed_limit),
+        speed=np.minimum(speed, arm.speed_limit),
+        unstated=tuple(x for x in known.unstated if x[0] != "speed"),
         torque=np.minimum(known.torque, arm.torque_limit),
         center=np.array(center) if center else np.clip(known.center, low, high),
         source=" and ".join([*(["the rig file"] if own else []), known.source]).strip(),

@@ -570,10 +570,11 @@ def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
             )
         for key, of in _MOST.items():
             known = [getattr(j, of) for j in joints]
-            if key not in filled and not all(map(math.isfinite, known)):
+            lacking = [j.name for j, most in zip(joints, known, strict=True) if math.isinf(most)]
+            if key not in filled and lacking:
                 raise ConfigError(
-                    f"[arms.{name}]: {place} has no {of} for every joint; give {key} in the rig "
-                    "file, one entry per joint."
+                    f"[arms.{name}]: {place} has no limit of {of} above 0 for "
+                    f"{', '.join(lacking)}; give {key} in the rig file, one entry per joint."
                 )
             filled.setdefault(key, known)
         table = merge(table, {"arms": {name: filled}})

@@ -1,6 +1,7 @@
 """`hil excite` and `hil run --trajectory`: planned, played, refused."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,11 @@ import pytest
 
 from hil.cli import main
 from hil.excite import trajectory
-from hil.excite.trajectory import sample
+from hil.excite.trajectory import assumed, sample
+from hil.models.urdf import UrdfRobot
 from hil.record.mcap_read import load
+from hil.rig.check import limits_of_arm
+from hil.rig.config import load_rig, robot_source
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 
@@ -178,6 +182,28 @@ def test_limits_that_nobody_stated_are_told(tmp_path, capsys):
         {"what": "position j", "values": pytest.approx([-np.pi / 2, np.pi / 2]), "unit": "rad"},
         {"what": "speed j", "values": [1.0], "unit": "rad/s"},
     ]
+
+
+def test_limits_that_the_rig_file_gives_for_the_urdf_are_not_assumed(tmp_path, capsys):
+    """A description without efforts and speeds is enough where the rig file has them."""
+    text = (RIG.parent / "arm6.urdf").read_text(encoding="utf-8")
+    bare, count = re.subn(r' (?:effort|velocity)="[^"]*"', "", text)
+    assert count >= 12
+    (tmp_path / "bare.urdf").write_text(bare, encoding="utf-8")
+    rig, said = tmp_path / "rig.toml", (RIG.parent / "arm6.toml").read_text(encoding="utf-8")
+    said = said.replace('"arm6.urdf"', '"bare.urdf"')
+    rig.write_text(said, encoding="utf-8")
+    assert main(["excite", str(rig), "-o", str(tmp_path / "x.toml")]) == 2
+    assert re.search(r"bare\.urdf has no limit of effort above 0 for base", capsys.readouterr().err)
+    efforts, speeds = [26.0, 50.0, 26.0, 9.0, 9.0, 9.0], [2.5, 2.5, 2.5, 4.0, 4.0, 4.0]
+    given = f"[arms.arm]\ntorque_limit = {efforts}\nspeed_limit = {speeds}\n"
+    rig.write_text(said.replace("[arms.arm]\n", given), encoding="utf-8")
+    arm = load_rig(rig).arms["arm"]
+    source = robot_source(arm)
+    limits = limits_of_arm(arm, source)
+    np.testing.assert_array_equal(limits.speed, speeds)
+    np.testing.assert_array_equal(limits.torque, efforts)
+    assert assumed(limits, UrdfRobot(source.urdf)) == []
 
 
 @pytest.mark.parametrize("ends", ['lower="2" upper="-1"', 'lower="1" upper="1"'])

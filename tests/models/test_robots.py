@@ -450,6 +450,29 @@ def test_mimic_joints_that_follow_nothing_are_refused(mimic: str, message: str) 
         UrdfRobot(following("spin", mimic))
 
 
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [
+        ("revolute", '<limit lower="-2" upper="2"/>'),
+        ("revolute", '<limit lower="-2" upper="2" effort="9"/>'),
+        ("revolute", '<limit lower="-2" upper="2" velocity="9"/>'),
+        ("revolute", '<limit lower="-inf" upper="inf" effort="inf" velocity="inf"/>'),
+        ("revolute", ""),
+        ("revolute", '<limit lower="-2" upper="2"/><dynamics/><safety_controller/>'),
+        ("continuous", "<limit/>"),
+    ],
+)
+def test_bodies_need_no_limits(kind: str, limit: str) -> None:
+    old = '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="9" velocity="9"/>'
+    text = ARM.replace(old, f'<axis xyz="0 1 0"/>{limit}')
+    text = text.replace('name="shoulder" type="revolute"', f'name="shoulder" type="{kind}"')
+    assert text != ARM
+    np.testing.assert_array_equal(UrdfRobot(text).regressor(*states(5)), FULL)
+
+
+FULL = UrdfRobot(ARM).regressor(*states(5))
+
+
 # --- presets --------------------------------------------------------------------------------
 
 
