@@ -140,6 +140,8 @@ def without_effort(recordings: Sequence[Recording]) -> list[DataFault]:
     """
     if any(r.wrench is not None or r.tau_ext is not None for r in recordings):
         return []
+    if len({r.d for r in recordings}) > 1:  # of several robots, which is refused with their names
+        return []
     efforts = np.concatenate([r.tau for r in recordings])
     if not efforts.size or np.any(np.ptp(efforts, axis=0) > 0):
         return []

@@ -21,7 +21,7 @@ from hil.diagnosis.residual_tests import unlike, unlike_notes
 from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
-from hil.errors import ConfigError, DataError
+from hil.errors import ConfigError, DataError, listed_names
 from hil.identify.fit import outside
 from hil.identify.gauss_newton import complete
 from hil.identify.multistep import MultiStep, both, each
@@ -264,7 +264,18 @@ class Added(Shown, _BeforeAndAfter):
 
 @single_threaded
 def ladder(diagnosis: Diagnosis) -> list[Rung]:
-    """Every accepted step with its simulated error (motor efforts only)."""
+    """Every accepted step with its simulated error (motor efforts only).
+
+    Raises
+    ------
+    ConfigError
+        If the argument is no diagnosis.
+    """
+    if not isinstance(diagnosis, Diagnosis):
+        raise ConfigError(
+            f"hil.ladder takes a diagnosis, not {type(diagnosis).__name__}; "
+            "hil.diagnose(run, model) makes one"
+        )
     steps = diagnosis.ladder
     if diagnosis.multi_steps is None:
         progress.at("simulate the models", 0.7)
@@ -300,7 +311,7 @@ def add(
         )
     kind = catalogue.get(effect)
     recordings, model = as_runs(recordings, "hil.add"), as_model(model, "hil.add")
-    joints = (joints,) if isinstance(joints, str) else joints
+    joints = listed_names(joints, "joints")
     problem = make_problem(recordings, model)
     examine = Examiner(problem, held_out(holdout, "hil.add"))
     before = settled(fit_aligned(problem, model), examine, "before")

@@ -27,6 +27,7 @@ from hil.identify.fit import predict
 from hil.identify.outputerror import Asked, Coordinates, Simulator, Task, descend
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult, relative
+from hil.record.arrays import Runs, held_out
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -143,7 +144,7 @@ def _named(
 
 def refine(
     result: FitResult,
-    holdout: Sequence[Recording] = (),
+    holdout: Runs = (),
     window: float = 0.0,
     free_run: bool = False,
     say: Callable[[str], None] = lambda text: None,
@@ -154,7 +155,7 @@ def refine(
     ----------
     result : FitResult
         A fit of the motor's effort.
-    holdout : sequence of Recording
+    holdout : Recording or sequence of Recording
         Runs that both errors are shown on at the end (the official split).
     window : float
         Length of the simulations that matter [s]; 0 = the longest usual one within the range.
@@ -166,8 +167,22 @@ def refine(
     Raises
     ------
     ConfigError
-        If the model explains an external effort, or the windows do not fit into thirds of a run.
+        If an argument is of another kind, the model explains an external effort, or the windows do
+        not fit into thirds of a run.
+    DataError
+        If a held-out run is of another robot.
     """
+    if not isinstance(result, FitResult):
+        raise ConfigError(
+            f"hil.refine takes a fit, not {type(result).__name__}; hil.fit(run, model) makes one"
+        )
+    others = held_out(holdout, "hil.refine")
+    for run in others:
+        if run.joints != result.problem.joints:
+            raise DataError(
+                f"held-out session {run.name!r} has joints {', '.join(run.joints)}, the fitted "
+                f"ones {', '.join(result.problem.joints)}; give sessions of one robot"
+            )
     if result.model.explains != "motor":
         raise ConfigError(
             "only a model of the motor's effort moves by itself; this one explains external "
@@ -185,8 +200,8 @@ def refine(
     best = min((k for k in tried if k[0] == lengths[0]), key=lambda k: tried[k].ratio)
     order = [best, *(k for k in tried if k != best)]
     refined, official = work.whole(*best), None
-    if holdout:
-        other = _like(result.problem, holdout)
+    if others:
+        other = _like(result.problem, others)
         horizon = 0 if free_run else work.horizon
         before, after = (_official(r, other, horizon) for r in (result, refined))
         official = (before, after)

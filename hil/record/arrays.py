@@ -116,6 +116,10 @@ def from_arrays(
     given = replace(_map(map), tip=tip or _map(map).tip).within(axes_unit(unit, ["deg"]), ())
     given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
     given = replace(given, rate_hz=_rate(rate) or given.rate_hz)
+    if lock is not None and not isinstance(lock, Mapping):
+        raise ConfigError(
+            f"lock is {_kind(lock)}; expected positions by joint, as {{'finger': 0.0}}"
+        )
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
     if described:
@@ -124,7 +128,12 @@ def from_arrays(
     elif lock:
         raise ConfigError("lock is of the joints of a URDF; give it with robot=...")
     table = ForeignTable(
-        Path(name), tuple(found), lambda w: {k: found[k] for k in w}, 0, name, in_memory=True
+        Path(str(name)),
+        tuple(found),
+        lambda w: {k: found[k] for k in w},
+        0,
+        str(name),
+        in_memory=True,
     )
     imported = read_columns(table, given, source, arm)
     if len(imported.recordings) > 1:
@@ -139,7 +148,7 @@ _MISSING = ("refuse", "drop", "interpolate")
 
 def _rate(rate: float) -> float:
     """A sample rate [Hz], or 0 for none."""
-    if not 0 <= rate < np.inf:
+    if not isinstance(rate, int | float | np.number) or not 0 <= rate < np.inf:
         raise ConfigError(f"rate is {rate!r}; expected samples per second, e.g. 500")
     return float(rate)
 
@@ -162,6 +171,11 @@ def _map(given: str | Path | TableMap | Mapping[str, Any] | None) -> TableMap:
             return parse_map(given)
         except ConfigError as error:
             raise ConfigError(f"map of hil.from_arrays: {error}") from error
+    if given and not isinstance(given, str | Path):
+        raise ConfigError(
+            f"map is {_kind(given)}; expected a map file, the name of a built-in map, or a "
+            "dictionary as {'columns': {'q1': 'angle'}}"
+        )
     return read_map(given) if given else TableMap()
 
 

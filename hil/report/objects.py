@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -295,6 +296,10 @@ def write(shown: Any, path: str | Path) -> Path:
     ConfigError
         If the place is none for a report.
     """
+    if not isinstance(path, str | PathLike):
+        raise ConfigError(
+            f"report takes the name of a file, not {type(path).__name__}; e.g. report('why.html')"
+        )
     place = Path(path)
     if place.suffix.lower() != ".html":
         raise ConfigError(f"cannot write {place}: a report must end in .html")

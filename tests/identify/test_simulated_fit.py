@@ -6,7 +6,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.errors import ConfigError
+from hil.errors import ConfigError, DataError
 from hil.identify.fit import fit
 from hil.identify.multistep import Windows, _braked, _Forward, forward
 from hil.identify.problem import Problem
@@ -44,6 +44,12 @@ def test_what_is_kept_is_never_worse_on_held_out_windows() -> None:
     kept = found.heldout[int(found.better)]
     assert np.all(kept.simulated <= found.heldout[0].simulated)
     assert found.result is (found.refined if found.better else result)
+
+
+def test_a_held_out_run_of_another_robot_is_refused() -> None:
+    result = fit(Problem([plants.pushed_axes(3, 1e-5, seconds=12.0)], AXIS), base_model(AXIS))
+    with pytest.raises(DataError, match=r"has joints .*give sessions of one robot"):
+        refine(result, plants.spatial(1, 6.0))
 
 
 @pytest.mark.slow

@@ -340,6 +340,15 @@ def test_a_frame_without_times_takes_a_rate():
         (lambda: MODEL - 3, r"a model without an effect takes its name, not int"),
         (lambda: hil.Use(3), r"hil\.Use takes the name of an effect, not int"),
         (lambda: hil.Use("stribeck", 3), "joints is a list of names, not of int"),
+        (lambda: hil.add(AXIS, MODEL, "spring", 3), "joints is a list of names, not of int"),
+        (lambda: hil.refine(AXIS, MODEL), r"hil\.refine takes a fit, not Recording; hil\.fit"),
+        (
+            lambda: hil.ladder(MODEL),
+            r"hil\.ladder takes a diagnosis, not RobotModel; hil\.diagnose",
+        ),
+        (lambda: hil.from_arrays(AXIS.columns(), map=5), "map is int; expected a map file"),
+        (lambda: hil.from_arrays(AXIS.columns(), lock=5), "lock is int; expected positions"),
+        (lambda: hil.from_arrays(AXIS.columns(), rate="5"), "rate is '5'; expected samples per"),
     ],
 )
 def test_a_wrong_argument_gets_one_sentence(call, said, tmp_path, monkeypatch):
@@ -367,6 +376,16 @@ def test_names_of_joints_that_no_file_gives_back_are_refused(joints, said):
 
 
 MODEL = hil.base_model(RobotSource("single-axis"))
+AXIS = hil.from_arrays(np.arange(99) * 0.01, np.sin(np.arange(99)), np.cos(np.arange(99)))
+
+
+@pytest.mark.parametrize(
+    "verb", [hil.fit, hil.compare, hil.diagnose, lambda *x: hil.add(*x, "spring")]
+)
+def test_runs_of_different_numbers_of_joints_are_refused(verb):
+    two = hil.from_arrays(AXIS.t, np.tile(AXIS.q, 2), np.tile(AXIS.tau, 2), name="two")
+    with pytest.raises(DataError, match="'two' has 2 joints but 'arrays' has 1; give sessions of"):
+        verb([AXIS, two], MODEL)
 
 
 def test_an_effect_takes_one_joint_as_a_text():

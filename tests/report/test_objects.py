@@ -58,6 +58,11 @@ def test_no_object_prints_a_urdf(run):
         assert "<robot>" not in str(shown) + repr(shown) + shown._repr_html_()
 
 
+def test_a_report_goes_to_the_name_of_a_file(answer):
+    with pytest.raises(ConfigError, match="report takes the name of a file, not int"):
+        answer.report(5)
+
+
 def test_an_answer_prints_its_verdict_and_ladder(answer):
     text = str(answer)
     assert text.startswith("Diagnosis: missing-effect. The model lacks quadratic-drag on joint1.")
