@@ -42,6 +42,16 @@ _WHERE = {
     "widget": "hil.studio.notebook",
 }
 
+#: Public modules by the package that holds them.
+_MODULES = {
+    "errors": ("hil.errors",),
+    "models": ("hil.models.effect", "hil.models.motion", "hil.models.parts"),
+    "rig": ("hil.rig.config",),
+    "signals": ("hil.signals.bus", "hil.signals.device", "hil.signals.settable"),
+    "studio": ("hil.studio.notebook",),
+    "testing": ("hil.testing",),
+}
+
 __all__ = [
     "Recording",
     "RobotModel",
@@ -67,10 +77,14 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("hil-teleop")
-    if name not in _WHERE:
+    if name not in _WHERE and name not in _MODULES:
         raise AttributeError(f"module 'hil' has no attribute {name!r}")
     import importlib
 
+    if name in _MODULES:
+        for module in _MODULES[name]:
+            importlib.import_module(module)
+        return importlib.import_module(f"hil.{name}")
     found = getattr(importlib.import_module(_WHERE[name]), name)
     if isinstance(found, type):
         return found
@@ -81,4 +95,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """The public names; what happens to be imported is not listed."""
-    return sorted([*__all__, "__doc__", "__version__"])
+    return sorted([*__all__, *_MODULES, "__doc__", "__version__"])

@@ -6,7 +6,10 @@ import ast
 import inspect
 import pickle
 import re
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -155,6 +158,20 @@ def test_models_refuse_what_is_none(plain):
 def test_the_verbs_are_listed():
     assert {"from_arrays", "diagnose", "fit", "load", "add"} <= set(dir(hil))
     assert "annotations" not in dir(hil) and "importlib" not in dir(hil)
+
+
+def test_every_name_of_the_page_on_python_comes_with_hil_alone():
+    page = (Path(__file__).parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
+    names = re.findall(r"^::: (hil\.[\w.]+)$", page, re.MULTILINE)
+    assert {"hil.errors", "hil.testing", "hil.signals.device"} <= set(names)
+    code = "import hil\n" + "\n".join(names)
+    for first in ("", "hil.fit, hil.load\n"):
+        done = subprocess.run(
+            [sys.executable, "-c", code.replace("\n", f"\n{first}", 1)],
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
 
 
 def test_a_robot_that_there_is_none_of_is_refused_at_once(plain):
