@@ -500,11 +500,13 @@ def run(
         An arm went to FAULT; what was recorded until then is kept.  Or the watchdog does not
         answer, or its last cut is latched.
     ConfigError
-        The program of ``[safety] cut`` cannot be run, or the user has not agreed to it
-        (`hil.consent`).  The session could not be written on, e.g. for a
-        full disk; the loop ran to its end.  Or the recording in place of the boxes ended before it.
+        The model is none of this rig.  The program of ``[safety] cut`` cannot be run, or the user
+        has not agreed to it (`hil.consent`).  The session could not be written on, e.g. for a full
+        disk; the loop ran to its end.  Or the recording in place of the boxes ended before it.
     """
     config = session.with_run_options(config, seconds, seed, clock)
+    if model is not None:
+        session.refuse_model(model, config)
     operator = operator or Operator()
     commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
     with (

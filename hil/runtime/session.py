@@ -20,11 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from hil import registry
-from hil.errors import ConfigError, DataError
+from hil.errors import ConfigError, DataError, unknown
 from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
 from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
+from hil.record.urdf_joints import urdf_joints
 from hil.revision import source_revision
 from hil.rig import estimators
 from hil.rig.check import measures_force
@@ -197,6 +198,33 @@ def open_writer(
         return writer
 
     return SessionParts(output, opened, record.split_seconds, record.split_megabytes, say)
+
+
+def refuse_model(path: str | Path, config: RigConfig) -> None:
+    """Refuse a file to attach that is no model of an arm of the rig.
+
+    Raises
+    ------
+    ConfigError
+        If it is no model file, or of another arm, robot or joints.
+    """
+    from hil.models.files import read_model  # only where a model is attached
+
+    model, arms = read_model(path), {n: config.arms[n] for n in config.controller.arms}
+    if model.arm and model.arm not in arms:
+        raise ConfigError(f"model {path}: {unknown('arm of the rig', model.arm, arms)}")
+    said = [u.joint for u in model.valid] + [j for u in model.effects for j in u.joints if j != "*"]
+    if model.robot.urdf:
+        said += [j.name for j in urdf_joints(model.robot.urdf)]
+    own = model.robot.preset if model.robot.preset != "single-axis" else ""
+    able = [arms[model.arm]] if model.arm else list(arms.values())
+    if not any(set(said) <= set(arm.joints) and own in ("", arm.robot) for arm in able):
+        joints = f" with {', '.join(dict.fromkeys(said))}" if said else ""
+        have = "; ".join(f"{a.robot} with {', '.join(a.joints)}" for a in able)
+        raise ConfigError(
+            f"model {path} is of {own or 'a robot'}{joints}, the rig {config.name!r} has {have}; "
+            "attach a model of this rig"
+        )
 
 
 def _attached(path: Path) -> bytes:

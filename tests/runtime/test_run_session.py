@@ -11,6 +11,7 @@ import pytest
 
 from hil.cli import main
 from hil.errors import ConfigError, DeviceError
+from hil.record.container import read
 from hil.record.mcap_read import load, summary
 from hil.record.ring import Ring
 from hil.rig.config import load_rig
@@ -144,6 +145,43 @@ def test_json_stands_alone_on_stdout(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["ticks"] == 50
     assert main(words) == 0
     assert "missed deadlines" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"t,q1,tau1\n0,0,0\n", "model M.toml cannot be read"),
+        (bytes(range(256)), "model M.toml cannot be read"),
+        (b'schema = "hil.rig/1"\n', "schema is 'hil.rig/1', expected 'hil.model/1'"),
+        (b'schema = "hil.model/1"\nrobot.arm = "lead"\n', "unknown arm of the rig 'lead'"),
+        (
+            b'schema = "hil.model/1"\nrobot.preset = "phantom-omni"\n',
+            "is of phantom-omni, the rig 'identify' has phantom-premium-1.5 with joint1",
+        ),
+        (
+            b'schema = "hil.model/1"\n[[effects]]\ntype = "coulomb"\njoints = ["elbow"]\n',
+            "is of a robot with elbow, the rig 'identify' has",
+        ),
+    ],
+)
+def test_what_is_no_model_of_the_rig_is_not_attached(tmp_path, monkeypatch, capsys, text, said):
+    monkeypatch.chdir(tmp_path)
+    Path("M.toml").write_bytes(text)
+    words = ["run", "identify", "--seconds", "0.01", "--clock", "lockstep", "-o", "s.mcap"]
+    assert main([*words, "--model", "M.toml"]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not Path("s.mcap").exists()
+
+
+@pytest.mark.parametrize("robot", ['preset = "phantom-premium-1.5"\narm = "follower"', ""])
+def test_a_model_of_the_rig_is_attached_as_it_stands(tmp_path, monkeypatch, robot):
+    monkeypatch.chdir(tmp_path)
+    text = f'schema = "hil.model/1"\n[robot]\n{robot}\n'
+    Path("M.toml").write_text(text)
+    words = ["run", "identify", "--seconds", "0.01", "--clock", "lockstep", "-o", "s.mcap"]
+    assert main([*words, "--model", "M.toml"]) == 0
+    assert read(Path("s.mcap")).attachments["model.toml"].decode() == text
 
 
 def test_a_missing_folder_is_one_sentence(tmp_path):
