@@ -44,7 +44,7 @@ def from_arrays(
     tip: str = "",
     unit: str = "",
     missing: str = "",
-    rate: float = 0.0,
+    rate: float | None = None,
     arm: str = "",
     name: str = "arrays",
 ) -> Recording:
@@ -82,7 +82,8 @@ def from_arrays(
     missing : str
         What becomes of rows with missing values: ``"refuse"``, ``"drop"`` or ``"interpolate"``.
     rate : float
-        Sample rate [Hz] of a frame without times.
+        Sample rate [Hz] of a frame without times.  Beside a column that says another one,
+        ``metadata["note"]`` tells so.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def from_arrays(
 
     given = replace(_map(map), tip=tip or _map(map).tip).within(axes_unit(unit, ["deg"]), ())
     given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
-    given = replace(given, rate_hz=_rate(rate) or given.rate_hz)
+    given = replace(given, rate_hz=sample_rate(rate) or given.rate_hz)
     if lock is not None and not isinstance(lock, Mapping):
         raise ConfigError(
             f"lock is {_kind(lock)}; expected positions by joint, as {{'finger': 0.0}}"
@@ -146,9 +147,17 @@ def from_arrays(
 _MISSING = ("refuse", "drop", "interpolate")
 
 
-def _rate(rate: float) -> float:
-    """A sample rate [Hz], or 0 for none."""
-    if not isinstance(rate, int | float | np.number) or not 0 <= rate < np.inf:
+def sample_rate(rate: float | None) -> float:
+    """A sample rate [Hz] that an argument gives, or 0 for none.
+
+    Raises
+    ------
+    ConfigError
+        If it is no number above 0.
+    """
+    if rate is None:
+        return 0.0
+    if not isinstance(rate, int | float | np.number) or not 0 < rate < np.inf:
         raise ConfigError(f"rate is {rate!r}; expected samples per second, e.g. 500")
     return float(rate)
 

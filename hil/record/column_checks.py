@@ -190,6 +190,52 @@ def whole_rows(
     return {k: v[keep] for k, v in out.items()}, notes
 
 
+#: Share by which a rate may be off the steps of a time and still mean the same.
+_SAME_RATE = 0.01
+
+
+def rate_told(table: ForeignTable, given: TableMap, values: Mapping[str, FloatArray]) -> list[str]:
+    """What is said where a rate was given and the times of a table contradict it.
+
+    A column that counts the samples contradicts nothing, nor does one in another unit of time.
+
+    Parameters
+    ----------
+    table : ForeignTable
+        The table.
+    given : TableMap
+        The map with the rate.
+    values : mapping of str to ndarray (n,)
+        By target column; with a time [s] only where the map names its column.
+    """
+    timed = [name for name in table.names if name == "t" or time_unit(name) is not None]
+    if "t" in values:
+        period, units = float(np.median(np.diff(values["t"]))), ["s"]
+    elif len(timed) == 1:
+        period, units = _steps(table, timed[0]), ["s", "ms", "us", "ns"]
+    else:
+        return []
+    off = [abs(given.rate_hz * period * FACTORS["t"][unit] - 1) for unit in units]
+    if not period > 0 or period == 1.0 or min(off) <= _SAME_RATE:
+        return []
+    theirs, ours = f"{1 / period:.4g} Hz", f"the rate of {given.rate_hz:.4g} Hz"
+    if "t" in values:
+        return [f"{ours} is not taken: the map names the column of the time, which says {theirs}"]
+    return [
+        f"{ours} is taken, and not the column {timed[0]!r}, which in seconds says {theirs}; leave "
+        "the rate out if that column is the time"
+    ]
+
+
+def _steps(table: ForeignTable, name: str) -> float:
+    """Median step of a column of increasing numbers; 0 of any other."""
+    try:
+        steps = np.diff(table.columns([name])[name])
+    except DataError:
+        return 0.0
+    return float(np.median(steps)) if steps.size and np.all(steps > 0) else 0.0
+
+
 def _refuse_not_finite(
     table: ForeignTable, rules: Mapping[str, Rule], values: Mapping[str, FloatArray]
 ) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
+from hil.record.arrays import sample_rate
 from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf
@@ -325,7 +326,7 @@ def load(
     tip: str = "",
     map: str | Path = "",
     unit: str = "",
-    rate: float = 0.0,
+    rate: float | None = None,
     missing: str = "",
     run: str = "",
 ) -> Recording:
@@ -374,7 +375,7 @@ def load(
         dict(lock or {}),
         tip,
         arm or "",
-        TableChoice(str(map), unit, rate, missing, run),
+        TableChoice(str(map), unit, sample_rate(rate), missing, run),
     )
     refuse_table_words([path], chosen.table)
     return load_source(path, arm, chosen)

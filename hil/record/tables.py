@@ -22,6 +22,7 @@ from hil.record.column_checks import (
     in_seconds,
     judged_wraps,
     on_one_time,
+    rate_told,
     refuse_units,
     unwrapped,
     whole_rows,
@@ -385,6 +386,7 @@ def _arm(
     other = ", ".join(given.offsets) if table.run not in given.offsets else ""
     told_of = [f"the offsets of the map are of {other}, none of {table.run}"] if other else []
     if given.rate_hz:
+        told_of += rate_told(table, given, values)
         values.setdefault("t", np.arange(n) / given.rate_hz)
     values, mended = whole_rows(table, rules, values, given)
     order = fitted.order or range(d)

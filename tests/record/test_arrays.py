@@ -338,6 +338,11 @@ def test_a_frame_without_times_takes_a_rate():
     frame = {"q1": np.sin(0.01 * np.arange(500)), "tau1": np.cos(0.01 * np.arange(500))}
     run = hil.from_arrays(frame, rate=250.0)
     assert run.t[1] == 0.004
+    odd = hil.from_arrays({**frame, "t": 0.002 * np.arange(500)}, rate=100)
+    assert odd.t[1] == 0.01 and "which in seconds says 500 Hz" in odd.metadata["note"]
+    for load in (lambda r: hil.from_arrays(frame, rate=r), lambda r: hil.load("x.csv", rate=r)):
+        with pytest.raises(ConfigError, match="rate is 0; expected samples per second"):
+            load(0)
     with pytest.raises(DataError, match=r"map=\{'columns': \{'t': '\.\.\.'\}\}"):
         hil.from_arrays(frame)
 

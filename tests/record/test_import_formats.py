@@ -1116,6 +1116,25 @@ def test_a_rate_stands_for_the_times_that_a_table_lacks(tmp_path, frame, capsys)
         assert "samples per second" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("times", "mapped", "said"),
+    [
+        (lambda t: t, "", "the rate of 100 Hz is taken, and not the column 't', which in seconds"),
+        (lambda t: t, 't = "t"', "the rate of 100 Hz is not taken: the map names the column of"),
+        (lambda t: np.arange(t.size), "", ""),
+        (lambda t: 5 * t, "", ""),  # of 500 Hz
+        (lambda t: 5e3 * t, "", ""),
+        (lambda t: t[::-1], "", ""),
+    ],
+)
+def test_a_rate_beside_times_that_contradict_it_is_told(tmp_path, frame, times, mapped, said):
+    path = tmp_path / "run.csv"
+    frame.assign(t=times(0.002 * np.arange(len(frame)))).to_csv(path, index=False)
+    notes = import_table(path, parse_map(tomllib.loads(f"[columns]\n{mapped}")), rate_hz=100).notes
+    assert [n for n in notes if "the rate of" in n] == [n for n in notes if said and said in n]
+    assert bool(said) == any(said in n for n in notes if said)
+
+
 def test_a_table_in_si_units_is_analysed_as_it_is(tmp_path, run, capsys):
     path, session = tmp_path / "run.csv", str(tmp_path / "s.mcap")
     pd.DataFrame(columns(run)).assign(room=21.0).to_csv(path, index=False)
