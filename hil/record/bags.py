@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf
+from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf, refuse_beyond
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource, refuse_names
 from hil.record.schema import LIBRARY
 
@@ -385,6 +385,7 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
     """Joints by name: those that were asked for, else those that move and have an effort."""
     urdf = chosen.robot or _description(bag, arm)
     known = free_joints(urdf) if urdf else ()
+    refuse_beyond(known, chosen.lock)
     order = [j.name for j in known] or list(state.names)
     if known and not set(order) & set(state.names):
         raise DataError(

@@ -134,6 +134,36 @@ def locked_urdf(
     return _text(root), locked
 
 
+#: Share of its range by which a joint may be said to stand beyond it: robots are built otherwise
+#: than described; degrees for radians, or another joint, are farther off.
+BEYOND = 0.1
+
+
+def refuse_beyond(joints: Sequence[UrdfJoint], lock: Mapping[str, float]) -> None:
+    """Refuse positions that somebody gives for locked joints far outside of their ranges.
+
+    Parameters
+    ----------
+    joints : sequence of UrdfJoint
+        Joints of the robot.
+    lock : mapping of str to float
+        Given positions [rad or m].
+
+    Raises
+    ------
+    ConfigError
+        With the first such joint and its range.
+    """
+    for j in joints:
+        at = lock.get(j.name, 0.0 if math.isinf(j.lower) else j.lower)
+        slack = BEYOND * (j.upper - j.lower)
+        if not j.lower - slack <= at <= j.upper + slack:
+            raise ConfigError(
+                f"joint {j.name!r} is to be locked at {at:.4g} {j.unit}, its range in the URDF is "
+                f"{j.lower:.4g} to {j.upper:.4g} {j.unit}; give a position [rad or m] within it"
+            )
+
+
 @dataclass(frozen=True)
 class ColumnsRobot:
     """A robot that has the joints of some columns and no others.
@@ -185,6 +215,7 @@ def columns_robot(
             raise ConfigError("joints and lock are of a URDF; give it with --robot")
         return ColumnsRobot(robot)
     known, names = free_joints(robot.urdf), tuple(joints)
+    refuse_beyond(known, lock)
     if not names:
         rest = tuple(j.name for j in known if j.name not in lock)
         names = arm_joints(locked_urdf(robot.urdf, rest, lock)[0], d) if rest else ()

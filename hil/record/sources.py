@@ -20,7 +20,7 @@ from hil.record import mcap_read
 from hil.record.arrays import sample_rate
 from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
-from hil.record.locked import arm_joints, free_joints, locked_urdf
+from hil.record.locked import arm_joints, free_joints, locked_urdf, refuse_beyond
 from hil.record.recording import BEGAN, EFFORT_STEP, LOCKED, SIGNAL, STATED, Recording, RobotSource
 from hil.userfile import read_text
 
@@ -483,6 +483,7 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
         If the URDF has not.
     """
     recording = _of_robot(recording, choice)
+    _refuse_locks(recording, choice)
     wanted = choice.joints or tuple(n for n in recording.joints if n not in choice.lock)
     lost = [n for n in wanted if n not in recording.joints]
     if lost:
@@ -511,6 +512,8 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
     said = {LOCKED: json.dumps(locked)} if locked else {}
     if steps := json.loads(recording.metadata.get(SIGNAL + EFFORT_STEP, "[]")):
         said[SIGNAL + EFFORT_STEP] = json.dumps([steps[k] for k in keep])
+    if moved := _moved(recording, keep, locked):
+        said["note"] = "; ".join([x for x in [recording.metadata.get("note")] if x] + moved)
     return replace(
         recording,
         joints=tuple(recording.joints[k] for k in keep),
@@ -518,6 +521,35 @@ def subset(recording: Recording, choice: BagChoice) -> Recording:
         metadata={**recording.metadata, **said},
         **arrays,
     )
+
+
+def _refuse_locks(recording: Recording, choice: BagChoice) -> None:
+    """Refuse to lock joints where the recording shows that they did not stand, or cannot."""
+    if urdf := choice.robot or recording.robot.urdf:
+        refuse_beyond(free_joints(urdf), choice.lock)
+    for k, name in enumerate(recording.joints):
+        low, high = float(np.min(recording.q[:, k])), float(np.max(recording.q[:, k]))
+        at = choice.lock.get(name, low)
+        if not low - ELSEWHERE <= at <= high + ELSEWHERE:
+            raise ConfigError(
+                f"recording {recording.name!r} holds joint {name!r} between {low:.4g} and "
+                f"{high:.4g} {recording.units[k]}, it cannot be locked at {at:.4g}; leave --lock "
+                "out, or leave the joint out with --joints: it is locked where it stood then"
+            )
+
+
+def _moved(recording: Recording, keep: Sequence[int], at: Mapping[str, float]) -> list[str]:
+    """What is said of joints that are left out although they move."""
+    out = []
+    for k, name in enumerate(recording.joints):
+        low, high = float(np.min(recording.q[:, k])), float(np.max(recording.q[:, k]))
+        if k not in keep and high - low > ELSEWHERE:
+            where = f", and is locked at {at[name]:.4g}" if name in at else ""
+            out.append(
+                f"{name} is left out although it moves from {low:.4g} to {high:.4g} "
+                f"{recording.units[k]}{where}: the model lacks what its motion does to the others"
+            )
+    return out
 
 
 def _of_robot(recording: Recording, choice: BagChoice) -> Recording:

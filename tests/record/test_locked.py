@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hil.errors import ConfigError
 from hil.models.urdf import UrdfRobot
 from hil.record.bags import BagChoice
-from hil.record.locked import frame_axes, free_joints, locked_urdf
+from hil.record.locked import columns_robot, frame_axes, free_joints, locked_urdf
 from hil.record.recording import Recording, RobotSource
 from hil.record.sources import subset
 
@@ -152,3 +153,23 @@ def test_some_joints_of_a_recording():
     assert part.metadata["locked"] == '{"elbow": 0.4}'
     with pytest.raises(ValueError, match=r"'run' has no joint hip"):
         subset(whole, BagChoice(joints=("hip",)))
+
+
+def test_a_recorded_joint_is_locked_where_it_stood_or_not_at_all():
+    text, _ = locked_urdf(stock(), KEEP, AT)
+    t = np.arange(500) * 0.01
+    q = np.stack([np.sin(t), np.full(500, -0.4), 0.3 * np.cos(t)], axis=1)
+    whole = Recording("run", "arm", KEEP, t, q, 2 * q, robot=RobotSource("", text))
+    still = subset(whole, BagChoice(lock={"elbow": -0.38}))
+    assert still.joints == ("shoulder", "wrist") and "note" not in still.metadata
+    for moving in (BagChoice(lock={"wrist": 0.1}), BagChoice(joints=("shoulder", "elbow"))):
+        said = subset(whole, moving).metadata["note"]
+        assert "wrist is left out although it moves from -0.3 to 0.3 rad, and is locked at" in said
+    with pytest.raises(
+        ConfigError, match=r"'elbow' between -0.4 and -0.4 rad, it cannot be locked"
+    ):
+        subset(whole, BagChoice(lock={"elbow": -0.6}))
+    with pytest.raises(ConfigError, match=r"locked at 5 rad, its range in the URDF is .*; give a"):
+        subset(whole, BagChoice(lock={"elbow": 5.0}))
+    with pytest.raises(ConfigError, match=r"joint 'column' is to be locked at 30 "):
+        columns_robot(RobotSource("", stock()), KEEP, {**AT, "column": 30.0}, 3)
