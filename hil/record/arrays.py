@@ -287,7 +287,10 @@ def _frame_columns(frame: Any) -> dict[str, FloatArray]:
             "hil.from_arrays takes (t, q, tau) or one frame with columns t, q1.., tau1..; "
             f"it got {_kind(frame)} alone"
         )
-    out = _index(frame, [_flat(n) for n in names])
+    flat = [_flat(n) for n in names]
+    if twice := [n for k, n in enumerate(flat) if n in flat[:k]]:
+        raise DataError(f"column {twice[0]!r} stands twice in the frame; give each its own name")
+    out = _index(frame, flat)
     for name in names:
         called = _flat(name)
         try:

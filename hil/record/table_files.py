@@ -127,6 +127,7 @@ def open_table(
         if path.suffix.lower() in BINARY:
             return _arrays(path, array, columns, run)
         kind = ending(path)
+        _refuse_own(path, kind)
         known = kind in (".csv", ".tsv", ".txt")
         if kind in (*_NOT_TABLES, *BINARY) or not (known or is_text(path)):
             raise DataError(
@@ -138,6 +139,32 @@ def open_table(
         return text_table(path, header_row, columns)
     except OSError as error:
         raise DataError(f"table {path}: {error.strerror or error}") from error
+
+
+#: Files of the program by what their schema says, and what to do with them.
+_OWN = {
+    "rig": "a rig file: 'hil run {} -o SESSION.mcap' records a session of it",
+    "model": "a model file: give it with --model, beside a recording",
+    "map": "a map file: give it with --map, beside a table",
+    "trajectory": "a motion: give it to 'hil run' with --trajectory",
+}
+_SCHEMA = re.compile(rb'^schema[ \t]*=[ \t]*"hil\.([a-z]+)/', re.MULTILINE)
+
+
+def _refuse_own(path: Path, kind: str) -> None:
+    """Refuse files that the program knows as something else, and descriptions of robots."""
+    what = ""
+    if kind == ".mcap":
+        what = f"a session already (or a damaged one): 'hil info {path}' shows it"
+    elif path.is_file():
+        with path.open("rb") as file:
+            head = file.read(4096)
+        if found := _SCHEMA.search(head):
+            what = _OWN.get(found[1].decode(), "a file of the program").format(path)
+        elif head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"<?xml", b"<!--", b"<robot")):
+            what = "XML, as a robot's description: give that with --robot, beside a recording"
+    if what:
+        raise DataError(f"{path} is no table, it is {what}")
 
 
 def _unpack(path: Path) -> str:

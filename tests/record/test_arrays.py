@@ -401,6 +401,13 @@ MODEL = hil.base_model(RobotSource("single-axis"))
 AXIS = hil.from_arrays(np.arange(99) * 0.01, np.sin(np.arange(99)), np.cos(np.arange(99)))
 
 
+def test_two_columns_of_one_name_are_refused():
+    frame = pd.DataFrame(AXIS.columns())
+    twice = pd.concat([frame, frame[["q1"]]], axis=1)
+    with pytest.raises(DataError, match="column 'q1' stands twice in the frame"):
+        hil.from_arrays(twice)
+
+
 @pytest.mark.parametrize(
     "verb", [hil.fit, hil.compare, hil.diagnose, lambda *x: hil.add(*x, "spring")]
 )

@@ -23,6 +23,7 @@ from hil.models.urdf import UrdfRobot
 from hil.record import foreign
 from hil.record.checks import check
 from hil.record.mcap_read import load
+from hil.record.sources import load_source
 from hil.record.tables import import_table
 from hil.record.urdf_joints import urdf_joints
 
@@ -774,3 +775,26 @@ def test_two_tables_at_once_are_refused_for_what_they_are(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "a.csv, b.csv: 2 recordings would be written into a folder" in said
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("rig.toml", '# mine\nschema = "hil.rig/1"\n', "it is a rig file: 'hil run "),
+        ("m.toml", 'schema = "hil.model/1"\n', "it is a model file: give it with --model"),
+        ("map.toml", 'schema = "hil.map/1"\n', "it is a map file: give it with --map"),
+        ("arm.urdf", "<?xml version='1.0'?>\n<robot/>\n", "it is XML, as a robot's description"),
+        ("s.mcap", "\x89MCAP0\r\n", "it is a session already (or a damaged one): 'hil info"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_as_what_it_is(tmp_path, capsys, name, text, said):
+    path = tmp_path / name
+    path.write_bytes(text.encode("latin-1"))
+    assert main(["import", str(path), "-o", str(tmp_path / "o.mcap")]) == 2
+    error = capsys.readouterr().err
+    assert f"{name} is no table, {said}" in error and error.count("\n") == 1
+    if name.endswith("toml"):
+        assert main(["fit", str(path)]) == 2
+        assert said in capsys.readouterr().err
+        with pytest.raises(DataError, match=f"{name} is no table, it is a "):
+            load_source(path)
