@@ -84,7 +84,7 @@ class Run:
 
 def run_c(text: str, states: FloatArray) -> Run:
     """Compile a C header and run it at states (n, 3, d) of q, v, a."""
-    (name,) = re.findall(r"^static void (\w+)_feedforward\(", text, re.M)
+    (name,) = re.findall(r"^static inline void (\w+)_feedforward\(", text, re.M)
     calls = f"{name}_feedforward(q, v, a, tau)", f"{name}_gravity(q, tau)"
     d = states.shape[2]
     vector = f"typedef double hil_vector[{d}]; hil_vector"

@@ -3,6 +3,7 @@
 import math
 import re
 import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,6 +155,16 @@ def test_a_name_of_a_users_file_never_becomes_code(name):
     if ending != ".py":
         body = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
         assert "int x" not in body and "#error" not in text
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no compiler")
+def test_what_a_program_does_not_call_is_no_warning(tmp_path):
+    content = _content(serial_urdf(3))
+    (tmp_path / "arm.h").write_text(get("c").write(content, "arm", ())[".h"])
+    (tmp_path / "main.c").write_text('#include "arm.h"\nint main(void) { return 0; }\n')
+    command = ["cc", "-std=gnu99", "-Wall", "-Werror", "main.c", "-o", "main", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_missing_compiler_is_said(monkeypatch):
