@@ -355,8 +355,9 @@ def _gaps(t: Timing) -> str:
     rows, longest = sum(g.rows for g in t.gaps), max(t.gaps, key=lambda g: g.length)
     split = sum(g.split for g in t.gaps)
     done = f"; the run is split at {split} of them; the others" if split else "; they"
+    lost = "missing or taken as missing" if t.stale and not t.excess else "missing"
     return (
-        f"{_rows(rows)} missing in {plural(len(t.gaps), 'gap')}, the longest {longest.length:.3g} "
+        f"{_rows(rows)} {lost} in {plural(len(t.gaps), 'gap')}, the longest {longest.length:.3g} "
         f"s after {longest.after:.6g} s{done} are interpolated, and samples near an inexact "
         "interpolation are not used"
     )

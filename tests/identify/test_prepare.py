@@ -214,6 +214,8 @@ def test_stale_rows_in_place_of_lost_ones_are_bridged() -> None:
     (part,), timing = even(replace(whole, q=q, tau=tau))
     assert (timing.excess, part.recording.n) == (False, whole.n)
     np.testing.assert_allclose(part.recording.q, whole.q, atol=1e-4)
+    said = " ".join(prepared(replace(whole, q=q, tau=tau)).sentences)
+    assert "7 rows missing or taken as missing in 7 gaps" in said
 
 
 def test_a_slow_signal_logged_fast_has_its_own_rate() -> None:
