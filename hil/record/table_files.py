@@ -264,7 +264,7 @@ def _arrays(path: Path, array: str, columns: Sequence[str], run: str) -> Foreign
     if array in records:
         return _named(path, records[array], array)
     if array or columns:
-        name = array or _choose(path, _runs(data, columns), run, len(columns))
+        name = array or _choose(path, _runs(data, columns), run, _lacks(data, len(columns)))
         return _matrix(path, _plain(data), name, columns)
     if len(records) > 1 or (run and records):
         filled = [key for key, value in records.items() if _of_samples(value)]
@@ -316,9 +316,15 @@ def _times(data: Mapping[str, Array]) -> dict[str, str]:
     return out
 
 
-def _choose(path: Path, runs: list[str], run: str, width: int = 0) -> str:
+def _lacks(data: Arrays, width: int) -> str:
+    """What a file lacks that has no array of so many columns, and what it has."""
+    have = [f"{k} {v.shape}" for k, v in _plain(data).items()]
+    return f"no 2-D array of {width} columns, as the map names them; it has {', '.join(have)}"
+
+
+def _choose(path: Path, runs: list[str], run: str, lacks: str = "no runs") -> str:
     if not runs:
-        raise DataError(f"table {path} has no 2-D array of {width} columns")
+        raise DataError(f"table {path} has {lacks}")
     if not run and len(runs) > 1:
         raise DataError(
             f"table {path} holds {len(runs)} runs; choose one with --run: {', '.join(runs)}"

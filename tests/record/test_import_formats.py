@@ -1116,6 +1116,13 @@ def test_a_rate_stands_for_the_times_that_a_table_lacks(tmp_path, frame, capsys)
         assert "samples per second" in capsys.readouterr().err
 
 
+def test_columns_of_a_map_that_an_array_has_not_are_told_with_those_that_it_has(tmp_path):
+    np.save(tmp_path / "run.npy", np.zeros((30, 5)))
+    given = parse_map({"table": {"columns": ["t", "q1", "tau1", "qd1"]}})
+    with pytest.raises(DataError, match=r"no 2-D array of 4 columns.*; it has \w+ \(30, 5\)$"):
+        import_table(tmp_path / "run.npy", given)
+
+
 @pytest.mark.parametrize(
     ("times", "mapped", "said"),
     [
