@@ -117,15 +117,12 @@ def from_arrays(
     given = replace(_map(map), tip=tip or _map(map).tip).within(axes_unit(unit, ["deg"]), ())
     given = replace(given, missing=_known("missing", missing, _MISSING) or given.missing)
     given = replace(given, rate_hz=sample_rate(rate) or given.rate_hz)
-    if lock is not None and not isinstance(lock, Mapping):
-        raise ConfigError(
-            f"lock is {_kind(lock)}; expected positions by joint, as {{'finger': 0.0}}"
-        )
+    lock = lock_positions(lock)
     source = _robot(robot)
     described = bool(source.urdf if isinstance(source, RobotSource) else str(source) or given.urdf)
     if described:
         named = joints or given.joints
-        given = replace(given, joints=named, lock={**given.lock, **(lock or {})})
+        given = replace(given, joints=named, lock={**given.lock, **lock})
     elif lock:
         raise ConfigError("lock is of the joints of a URDF; give it with robot=...")
     table = ForeignTable(
@@ -145,6 +142,22 @@ def from_arrays(
 
 
 _MISSING = ("refuse", "drop", "interpolate")
+
+
+def lock_positions(lock: Mapping[str, float] | None) -> dict[str, float]:
+    """Positions by joint that an argument gives; none for None.
+
+    Raises
+    ------
+    ConfigError
+        If it is no mapping of names to numbers.
+    """
+    given = {} if lock is None else lock
+    if not isinstance(given, Mapping) or not all(
+        isinstance(x, int | float | np.number) for x in given.values()
+    ):
+        raise ConfigError(f"lock is {lock!r}; expected positions by joint, as {{'finger': 0.0}}")
+    return {str(name): float(x) for name, x in given.items()}
 
 
 def sample_rate(rate: float | None) -> float:

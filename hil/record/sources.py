@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
-from hil.record.arrays import sample_rate
+from hil.record.arrays import lock_positions, sample_rate
 from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf, refuse_beyond
@@ -372,7 +372,7 @@ def load(
         force_topic,
         text,
         kept,
-        dict(lock or {}),
+        lock_positions(lock),
         tip,
         arm or "",
         TableChoice(str(map), unit, sample_rate(rate), missing, run),

@@ -369,7 +369,8 @@ def test_a_frame_without_times_takes_a_rate():
             r"hil\.ladder takes a diagnosis, not RobotModel; hil\.diagnose",
         ),
         (lambda: hil.from_arrays(AXIS.columns(), map=5), "map is int; expected a map file"),
-        (lambda: hil.from_arrays(AXIS.columns(), lock=5), "lock is int; expected positions"),
+        (lambda: hil.from_arrays(AXIS.columns(), lock=5), "lock is 5; expected positions by"),
+        (lambda: hil.load("x.csv", lock={"a": "1"}), "lock is .*; expected positions by joint"),
         (lambda: hil.from_arrays(AXIS.columns(), rate="5"), "rate is '5'; expected samples per"),
     ],
 )
