@@ -19,14 +19,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from hil.errors import ConfigError, unknown
 from hil.revision import PROGRAM
 from hil.runtime.board import read_board
 from hil.runtime.commands import COMMANDS
 
-#: Commands of the page; `stop` is everybody's.
+#: Commands of the page; `stop` is everybody's, and has a way of its own.
 WORDS = ("start", "pause", "resume", "home", "stop", "set", "note", "record")
 #: Silence of who commands after which the session is paused and the place is free [s].
 SILENCE = 2.0
@@ -183,7 +183,7 @@ class Desk:
         return bool(self._seat.page) and now - self._seat.heard <= SILENCE
 
     def command(self, page: str, given: Mapping[str, Any], now: float) -> dict[str, Any]:
-        """Pass on a numbered command once, however often it arrives.
+        """Pass on a numbered command once, however often it arrives; a stop always.
 
         Raises
         ------
@@ -191,7 +191,9 @@ class Desk:
             If the page does not command, the command is none, or there are too many.
         """
         text, number = given.get("text"), given.get("number")
-        if not isinstance(text, str) or not isinstance(number, int) or isinstance(number, bool):
+        if isinstance(text, str) and text.split()[:1] == ["stop"]:
+            return self._stop(page, number)
+        if not isinstance(text, str) or not _is_whole(number):
             raise ConfigError("a command has a number and a text")
         words = text.split()
         if not words or words[0] not in WORDS:
@@ -199,18 +201,33 @@ class Desk:
         if len(text) > LONGEST or not text.isprintable():
             raise ConfigError(f"a command has at most {LONGEST} characters, all of them printable")
         with self._lock:
-            # an emergency asks nobody
-            if words[0] != "stop":
-                self._allowed(page, number, now)
-            if page == self._seat.page:
-                if number <= self._seat.number:
-                    return {"done": self._seat.number}
-                self._seat.number = number
+            self._allowed(page, number, now)
+            if number <= self._seat.number:
+                return {"done": self._seat.number}
+            self._seat.number = number
             if self._program is None or self._program.code is not None:
                 raise ConfigError("no session is running; begin one first")
-            self._program.write(" ".join(words))
-            self._log.append(" ".join(words))
+            self._tell(" ".join(words))
         return {"done": number}
+
+    def _stop(self, page: str, number: Any) -> dict[str, Any]:
+        """Stop the session: from every page, with every number, as often as it arrives.
+
+        A first try may be lost and overtaken, so its number says nothing; a second stop does no
+        harm.  What the same page said before it and what arrives after it is not done any more.
+        """
+        with self._lock:
+            if self._program is None:
+                raise ConfigError("no session is running; begin one first")
+            if page == self._seat.page and _is_whole(number):
+                self._seat.number = max(self._seat.number, number)
+            if self._program.code is None:
+                self._tell("stop")
+        return {"done": number}
+
+    def _tell(self, line: str) -> None:
+        self._program.write(line)
+        self._log.append(line)
 
     def _allowed(self, page: str, number: int, now: float) -> None:
         """Refuse a page that does not command, and one that gives too many."""
@@ -259,6 +276,10 @@ class Desk:
             if self._program is not None:
                 self._program.end()
                 self._program.wait(20.0)
+
+
+def _is_whole(number: Any) -> TypeGuard[int]:
+    return isinstance(number, int) and not isinstance(number, bool)
 
 
 def _disk(path: Path | None) -> dict[str, int]:

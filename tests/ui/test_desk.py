@@ -96,6 +96,37 @@ def test_anybody_may_stop(desk):
     assert made[0].lines == ["stop"]
 
 
+@pytest.mark.parametrize("number", [2, 3, 0, -1, None, "2", True, 2.5])
+def test_a_stop_that_arrives_late_or_again_is_carried_out(desk, number):
+    """Its first try is lost, and a later command arrives before it is repeated."""
+    desk, made = desk
+    begun(desk)
+    desk.command(ONE, {"number": 1, "text": "start"}, 0.1)
+    desk.command(ONE, {"number": 3, "text": "home"}, 0.2)
+    for _ in range(2):
+        assert desk.command(ONE, {"number": number, "text": "stop"}, 0.3) == {"done": number}
+    assert made[0].lines == ["start", "home", "stop", "stop"]
+    assert desk.view(ONE, 0.4)["log"][-1] == "stop"
+    # what was said before it stays undone, and where the session has ended nothing is left to do
+    desk.command(ONE, {"number": 3, "text": "home"}, 0.5)
+    made[0].code = 0
+    desk.command(ONE, {"number": number, "text": "stop"}, 0.6)
+    assert made[0].lines[2:] == ["stop", "stop"]
+
+
+def test_a_stop_needs_no_more_than_its_word(desk):
+    desk, made = desk
+    with pytest.raises(ConfigError, match="no session is running"):
+        desk.command(ONE, {"number": 1, "text": "stop"}, 0.0)
+    begun(desk)
+    desk.command(ONE, {"text": "stop now"}, 0.1)
+    desk.command(ONE, {"number": 7, "text": "stop"}, 0.2)
+    assert made[0].lines == ["stop", "stop"]
+    # a command that the stop has overtaken comes too late
+    assert desk.command(ONE, {"number": 6, "text": "resume"}, 0.3) == {"done": 7}
+    assert made[0].lines == ["stop", "stop"]
+
+
 def test_a_page_that_is_silent_pauses_the_rig_and_frees_the_place(desk):
     desk, made = desk
     begun(desk)
