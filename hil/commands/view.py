@@ -7,14 +7,19 @@ of it, and what a viewer sees is what is on record, to the byte.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
+import json
+import logging
 import os
 import socket
 import struct
 import subprocess
+import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
@@ -32,6 +37,7 @@ from hil.record.layouts import VIEWERS, pages
 from hil.record.recovery import in_use
 from hil.revision import PROGRAM
 from hil.userfile import LARGEST, open_regular, read_text
+from hil.web.site import LOOPBACK, Hosts
 
 EXAMPLE = (
     "hil view s.mcap --for foxglove\n  hil view s.mcap --for rerun -o s.py\n"
@@ -39,12 +45,22 @@ EXAMPLE = (
 )
 #: Port that viewers propose.
 PORT = 8765
+#: Where the pages of viewers are from: those of an installed program, and Foxglove's own.  A
+#: program that is no page says nothing.
+VIEWERS_AT = ("file://", "https://app.foxglove.dev")
+#: Names of the protocol, by which viewers ask for it; bytes that a viewer may say at once, and
+#: channels for which it may ask.
+_PROTOCOLS, _ASKED, _WISHES = ("foxglove.sdk.v1", "foxglove.websocket.v1"), 2**20, 4096
+#: Head of a message to a viewer: kind, number of the viewer's wish, time [ns].
+_DATA = struct.Struct("<BIQ")
 #: How often a file that is written is looked at; how long nothing may wait for a viewer before it
 #: has the rest, and how long it may take to get that [s].
 _LOOKED, _LINGER, _PATIENT = 0.02, 0.5, 8.0
 #: How long a session that was promised may take to begin, a next part may take, and a file that
 #: nobody writes may still grow [s].
 _PATIENCE, _NEXT, _QUIET = 60.0, 0.3, 1.0
+#: How long a session that is over waits for its first viewer [s].
+_OPENED = 600.0
 #: Messages that wait for a slow viewer before the oldest are dropped: about a second of a rig.
 _BACKLOG = 16_384
 _MESSAGE = struct.Struct("<HIQQ")
@@ -70,6 +86,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE", help="the layout; default: beside the session"
     )
     add_live(parser, "stream the session to viewers by the Foxglove WebSocket protocol")
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="with --live: pages of this site may look, too (https://viewer.example)",
+    )
     parser.add_argument("--expected", action="store_true", help=argparse.SUPPRESS)
 
 
@@ -95,7 +118,9 @@ def run(args: argparse.Namespace) -> int:
     if args.live is not None:
         if args.output:
             raise ConfigError("--output goes with --for; --live writes no file")
-        return _stream(path, args.live, args.expected)
+        return _stream(path, args.live, args.expected, args.origin)
+    if args.origin:
+        raise ConfigError("--origin goes with --live: nobody connects to a layout")
     viewer = VIEWERS[args.viewer]
     target = (
         Path(args.output) if args.output else path.with_suffix(f".{args.viewer}{viewer.ending}")
@@ -224,7 +249,9 @@ class Sink(Protocol):
         ...
 
 
-def follow(path: Path, sink: Sink, expected: bool = False) -> None:
+def follow(
+    path: Path, sink: Sink, expected: bool = False, begin: Callable[[], None] = lambda: None
+) -> None:
     """Give a sink all of a session until it is over.
 
     Of one that is being recorded it gets what comes from now on, part after part; another is
@@ -238,6 +265,8 @@ def follow(path: Path, sink: Sink, expected: bool = False) -> None:
         Takes it.
     expected : bool
         The recording begins now: nothing of it is left out.
+    begin : callable, optional
+        Called before the first message of a session that is over: returns when it is to play.
 
     Raises
     ------
@@ -245,7 +274,7 @@ def follow(path: Path, sink: Sink, expected: bool = False) -> None:
         If a record of it is damaged; what came before was given.
     """
     now = expected or in_use(path)
-    tail, feed = Tail(path), _Feed(sink, now)
+    tail, feed = Tail(path), _Feed(sink, now, begin)
     try:
         if now and not expected:
             feed.all_of(tail, silent=True)
@@ -281,8 +310,8 @@ def _next_part(path: Path, number: int) -> Path | None:
 class _Feed:
     """Hands records to a sink: at once where they are recorded now, else at their pace."""
 
-    def __init__(self, sink: Sink, now: bool) -> None:
-        self._sink, self._now = sink, now
+    def __init__(self, sink: Sink, now: bool, begin: Callable[[], None]) -> None:
+        self._sink, self._now, self._begin = sink, now, begin
         self._schemas, self._known = dict[int, Schema](), set[int]()
         self._origin: float | None = None
         self.count = 0
@@ -290,6 +319,8 @@ class _Feed:
     def all_of(self, tail: Tail, silent: bool = False) -> None:
         """Take what has come to a file; of messages nothing where it is to be silent."""
         for opcode, data in tail.new():
+            if opcode == Opcode.MESSAGE and not self.count and not self._now:
+                self._begin()
             try:
                 self._take(opcode, data, silent)
             except _UNREADABLE as error:
@@ -342,75 +373,199 @@ class FoxgloveSink:
         What they show as the source.
     port : int
         Where they connect to, on this machine.
+    origins : sequence of str
+        Pages that may look beside `VIEWERS_AT`, and those of this machine.
     """
 
-    def __init__(self, name: str, port: int) -> None:
-        import foxglove
+    def __init__(self, name: str, port: int, origins: Sequence[str] = ()) -> None:
+        from websockets.sync.server import serve
+        from websockets.typing import Subprotocol
 
-        self._made = foxglove
-        self._context = foxglove.Context()
-        self._server = foxglove.start_server(
-            name=name,
-            host="127.0.0.1",
-            port=port,
-            context=self._context,
-            message_backlog_size=_BACKLOG,
+        silent = logging.Logger("live")  # a page that is refused, or leaves, is no error
+        silent.addHandler(logging.NullHandler())
+        about = {"op": "serverInfo", "name": name, "capabilities": [], "supportedEncodings": []}
+        self._about = json.dumps(about | {"metadata": {}, "sessionId": str(time.time_ns())})
+        self._origins = (*VIEWERS_AT, *origins)
+        self._lock, self._refused = threading.Lock(), False
+        self._viewers: list[_Viewer] = []
+        self._ids: dict[str, int] = {}
+        self._topics: dict[int, int] = {}
+        self._told: list[str] = []
+        #: Whether a viewer has asked for something.
+        self.looked = threading.Event()
+        self._server = serve(
+            self._visited,
+            LOOPBACK,
+            port,
+            process_request=self._guard,
+            subprotocols=[Subprotocol(p) for p in _PROTOCOLS],
+            compression=None,
+            max_size=_ASKED,
+            close_timeout=_PATIENT,
+            logger=silent,
         )
-        self.port: int = self._server.port
-        self._topics: dict[str, Any] = {}
-        self._log: dict[int, Callable[..., None]] = {}
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _guard(self, link: Any, request: Any) -> Any:
+        """Answer of refusal to a page from elsewhere; None lets it in."""
+        named, origins = (request.headers.get_all(k) for k in ("Host", "Origin"))
+        if [h in Hosts() for h in named] != [True]:
+            return link.respond(403, "This stream has another address.\n")
+        if all(_is_here(o) or o in self._origins for o in origins):
+            return None
+        if not self._refused:
+            self._refused = True
+            terminal.out(f"refused: a page of {', '.join(origins)}; --origin lets it look")
+        return link.respond(403, "Pages from elsewhere may not look at this stream.\n")
+
+    def _visited(self, link: Any) -> None:
+        """Serve a viewer until it leaves."""
+        with self._lock:
+            viewer = _Viewer(link, [self._about, *self._told])
+            self._viewers.append(viewer)
+        viewer.start()
+        try:
+            for said in link:
+                if viewer.asked(said):
+                    self.looked.set()
+        except _closed():
+            return  # it broke off
+        finally:
+            viewer.end()
+            with self._lock:
+                self._viewers.remove(viewer)
 
     def channel(self, number: int, channel: Channel, schema: Schema | None) -> None:
         """See `Sink`; a topic stays one channel when a session goes on in another file."""
-        if channel.topic not in self._topics:
-            told = None
+        if channel.topic not in self._ids:
+            own = len(self._ids) + 1
+            told = {"id": own, "topic": channel.topic, "encoding": channel.message_encoding}
+            told |= {"schemaName": "", "schema": ""}
             if schema is not None:
-                told = self._made.Schema(
-                    name=schema.name, encoding=schema.encoding, data=schema.data
-                )
-            self._topics[channel.topic] = self._made.Channel(
-                channel.topic,
-                message_encoding=channel.message_encoding,
-                schema=told,
-                context=self._context,
-            )
-        self._log[number] = self._topics[channel.topic].log
+                told |= {"schemaName": schema.name, "schema": schema.data.decode()}
+                told |= {"schemaEncoding": schema.encoding} if schema.encoding else {}
+            text = json.dumps({"op": "advertise", "channels": [told]})
+            with self._lock:
+                self._ids[channel.topic] = own
+                self._told.append(text)
+                for viewer in self._viewers:
+                    viewer.tell(text)
+        self._topics[number] = self._ids[channel.topic]
 
     def message(self, number: int, t_ns: int, data: bytes) -> None:
         """See `Sink`."""
-        self._log[number](data, log_time=t_ns)
+        with self._lock:
+            for viewer in self._viewers:
+                viewer.give(self._topics[number], t_ns, data)
 
     def flush(self) -> None:
-        """Wait until the viewers have what was sent, or for `_PATIENT` seconds.
-
-        The server has no question for it, and drops what waits when it stops.  While something
-        waits within it, something waits for the network, too.
-        """
-        end = time.monotonic() + _PATIENT
-        idle = 0.0
-        while idle < _LINGER and time.monotonic() < end:
-            time.sleep(_LOOKED)
-            idle = 0.0 if _unsent(self.port) else idle + _LOOKED
+        """Let the viewers have what waits, for at most `_PATIENT` seconds; then they are left."""
+        with self._lock:
+            viewers = list(self._viewers)
+        until = time.monotonic() + _PATIENT
+        for viewer in viewers:
+            viewer.end()
+        for viewer in viewers:
+            viewer.join(max(until - time.monotonic(), 0.0))
 
     def close(self) -> None:
         """Disconnect the viewers."""
-        self._server.stop()
+        with self._lock:
+            viewers = list(self._viewers)
+        for viewer in viewers:
+            viewer.drop()
+        self._server.shutdown()
 
 
-#: Where Linux lists connections, and the state of one that is open.
-_CONNECTIONS, _OPEN = Path("/proc/net/tcp"), "01"
+def _closed() -> type[Exception]:
+    """What a connection raises that is no more."""
+    from websockets.exceptions import ConnectionClosed
+
+    return ConnectionClosed
 
 
-def _unsent(port: int) -> int:
-    """Bytes that wait in connections to a port of this machine; 0 where that is not known."""
-    if not _CONNECTIONS.exists():
-        return 0
-    total = 0
-    for line in _CONNECTIONS.read_text(encoding="ascii").splitlines()[1:]:
-        _, local, _, state, queues, *_ = line.split()
-        if state == _OPEN and int(local.rpartition(":")[2], 16) == port:
-            total += int(queues.partition(":")[0], 16)
-    return total
+def _is_here(origin: str) -> bool:
+    """Whether a page is of this machine."""
+    scheme, _, host = origin.partition("://")
+    return scheme in ("http", "https") and host in Hosts()
+
+
+class _Viewer(threading.Thread):
+    """A viewer that is connected: what it is told, in full, and what it has asked for.
+
+    Parameters
+    ----------
+    link : websockets.sync.server.ServerConnection
+        Its connection.
+    told : sequence of str
+        What it is to know first.
+    """
+
+    def __init__(self, link: Any, told: Sequence[str]) -> None:
+        super().__init__(daemon=True)
+        self._link, self._ended = link, False
+        self._told, self._waiting = deque(told), deque[bytes](maxlen=_BACKLOG)
+        self._asked: dict[int, int] = {}
+        self._news = threading.Condition()
+
+    def tell(self, text: str) -> None:
+        """Have it know something."""
+        with self._news:
+            self._told.append(text)
+            self._news.notify()
+
+    def give(self, channel: int, t_ns: int, data: bytes) -> None:
+        """Have it get a message, if it has asked for the channel; of too many the last ones."""
+        with self._news:
+            for number, wanted in self._asked.items():
+                if wanted == channel:
+                    self._waiting.append(_DATA.pack(1, number, t_ns) + data)
+                    self._news.notify()
+
+    def asked(self, said: str | bytes) -> bool:
+        """Whether it asks for channels; what it says otherwise is not heard."""
+        try:
+            given = json.loads(said)
+            new = {int(s["id"]): int(s["channelId"]) for s in given.get("subscriptions", ())}
+            old = [int(n) for n in given.get("subscriptionIds", ())]
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return False
+        with self._news:
+            if len(self._asked) + len(new) <= _WISHES:
+                self._asked |= {n: c for n, c in new.items() if 0 <= n < 2**32}
+            for number in old:
+                self._asked.pop(number, None)
+        return bool(new)
+
+    def end(self) -> None:
+        """Have it leave when it has what waits."""
+        with self._news:
+            self._ended = True
+            self._news.notify()
+
+    def drop(self) -> None:
+        """Have it leave, with a word where it listens."""
+        with self._news:
+            self._told.clear()
+            self._waiting.clear()
+        self.end()
+        self.join(_LINGER)
+        with contextlib.suppress(OSError):  # it has left
+            self._link.socket.shutdown(socket.SHUT_RDWR)
+
+    def run(self) -> None:
+        """Send, until it has left."""
+        try:
+            while True:
+                with self._news:
+                    self._news.wait_for(lambda: self._told or self._waiting or self._ended)
+                    if not self._told and not self._waiting:
+                        break
+                    next_one = (self._told or self._waiting).popleft()
+                self._link.send(next_one)
+            self._link.close()
+        except _closed():
+            return
 
 
 def check_live(port: int) -> None:
@@ -421,19 +576,35 @@ def check_live(port: int) -> None:
     ConfigError
         If the package is missing or the port is taken.
     """
-    if importlib.util.find_spec("foxglove") is None:
-        raise ConfigError("--live needs foxglove-sdk: pip install 'hil-teleop[live]'")
+    if importlib.util.find_spec("websockets") is None:
+        raise ConfigError("--live needs websockets: pip install 'hil-teleop[live]'")
     if not 1 <= port <= 65_535:
         raise ConfigError(f"--live {port}: a number from 1 to 65535 is needed")
     try:
-        socket.create_server(("127.0.0.1", port)).close()
+        socket.create_server((LOOPBACK, port)).close()
     except OSError as error:
         raise ConfigError(f"--live {port}: {error.strerror}; choose another port") from error
 
 
-def _stream(path: Path, port: int, expected: bool) -> int:
+def _checked(origins: Sequence[str]) -> Sequence[str]:
+    """Sites whose pages may look.
+
+    Raises
+    ------
+    ConfigError
+        If one is no site as browsers name it.
+    """
+    for origin in origins:
+        scheme, _, host = origin.partition("://")
+        if scheme not in ("http", "https") or not host or "/" in host:
+            raise ConfigError(f"--origin {origin}: expected a site such as https://viewer.example")
+    return [origin.lower() for origin in origins]
+
+
+def _stream(path: Path, port: int, expected: bool, origins: Sequence[str]) -> int:
     """Stream a session until it is over or Ctrl-C."""
     check_live(port)
+    origins = _checked(origins)
     until = time.monotonic() + (_PATIENCE if expected else 0.0)
     while not path.exists() and time.monotonic() < until:
         time.sleep(_LOOKED)
@@ -445,18 +616,29 @@ def _stream(path: Path, port: int, expected: bool) -> int:
         if file.read(len(MAGIC)) not in (b"", MAGIC):
             raise DataError(f"{path} is no session: it does not begin as one")
     _step_aside()
-    sink = FoxgloveSink(f"hil {path.name}", port)
+    sink = FoxgloveSink(f"hil {path.name}", port, origins)
+
+    def begin() -> None:
+        if sink.looked.is_set():
+            return
+        terminal.out("It begins when a viewer shows something of it.")
+        if not sink.looked.wait(_OPENED):
+            raise DataError(f"no viewer came to session {path} within {_OPENED / 60:g} min")
+        time.sleep(_LINGER)  # a viewer asks for one panel after the other
+
     terminal.out(f"streaming {path} on ws://127.0.0.1:{port}: open this connection in Foxglove or")
     terminal.out("Lichtblick; Ctrl-C ends it")
     try:
         try:
-            follow(path, sink, expected)
+            follow(path, sink, expected, begin)
         except DataError:
             sink.flush()
             raise
         sink.flush()
     finally:
         sink.close()
+    if not sink.looked.is_set():
+        terminal.out("It is over; no viewer has looked at it.")
     return 0
 
 

@@ -327,7 +327,6 @@ def test_a_session_is_streamed_while_it_is_written_and_goes_on_in_its_next_part(
 
 
 def test_a_viewer_gets_the_messages_of_the_session(tmp_path):
-    pytest.importorskip("foxglove", reason="needs hil-teleop[live]")
     client = pytest.importorskip("websockets.sync.client")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
@@ -374,9 +373,7 @@ def test_a_viewer_gets_the_messages_of_the_session(tmp_path):
     assert set(names.values()) == topics
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell what waits")
 def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
-    pytest.importorskip("foxglove", reason="needs hil-teleop[live]")
     client = pytest.importorskip("websockets.sync.client")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
@@ -411,9 +408,121 @@ def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
     assert [k for k in got if k >= 0] == list(range(count))
 
 
+@pytest.fixture
+def stream():
+    """A stream without a session, and its port."""
+    sink = FoxgloveSink("test", port := free_port(), ["http://lab.example:8080"])
+    yield sink, port
+    sink.close()
+
+
+@pytest.mark.parametrize(
+    ("asked", "let_in"),
+    [
+        ({}, True),
+        ({"origin": "file://"}, True),
+        ({"origin": "https://app.foxglove.dev"}, True),
+        ({"origin": "http://localhost:8080"}, True),
+        ({"origin": "http://127.0.0.1"}, True),
+        ({"origin": "http://lab.example:8080"}, True),
+        ({"subprotocols": ["foxglove.websocket.v1"]}, True),
+        ({"origin": "http://evil.example"}, False),
+        ({"origin": "http://lab.example"}, False),
+        ({"origin": "http://localhost.evil.example"}, False),
+        ({"origin": "http://localhost@evil.example"}, False),
+        ({"origin": "https://app.foxglove.dev.evil.example"}, False),
+        ({"origin": "null"}, False),
+        ({"origin": ""}, False),
+        ({"additional_headers": {"Host": "evil.example"}}, False),
+        ({"additional_headers": {"Host": "localhost.evil.example:8765"}}, False),
+    ],
+)
+def test_pages_from_elsewhere_do_not_look(stream, asked, let_in, capsys):
+    """Neither by their origin, nor by a name of their own for this machine."""
+    client = pytest.importorskip("websockets.sync.client")
+    refused = pytest.importorskip("websockets.exceptions").InvalidStatus
+    address = f"ws://127.0.0.1:{stream[1]}"
+    asked = {"subprotocols": ["foxglove.sdk.v1"]} | asked
+    if let_in:
+        with client.connect(address, **asked) as link:
+            assert json.loads(link.recv(5.0))["op"] == "serverInfo"
+        return
+    for _ in range(2):
+        with pytest.raises(refused) as found:
+            client.connect(address, **asked)
+        assert found.value.response.status_code == 403
+    told = capsys.readouterr().out
+    if asked.get("origin"):
+        assert told.count("refused: a page of ") == 1 and asked["origin"] in told
+
+
+@pytest.mark.parametrize("said", ["", "{", "[]", "5", '{"subscriptions": 3}', "[" * 10_000, b"x"])
+def test_what_is_no_wish_is_not_heard(stream, said):
+    client = pytest.importorskip("websockets.sync.client")
+    sink, port = stream
+    sink.channel(1, records.Channel(1, "/x", "json", {}, 0), None)
+    address = f"ws://127.0.0.1:{port}"
+    with client.connect(address, subprotocols=["foxglove.sdk.v1"]) as link:
+        link.send(said)
+        link.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 9, "channelId": 1}]}))
+        assert sink.looked.wait(5.0)
+        sink.message(1, 5, b"{}")
+        got = [link.recv(5.0) for _ in range(3)]
+        assert got[2] == struct.pack("<BIQ", 1, 9, 5) + b"{}"
+        link.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [9]}))
+        link.close()
+
+
+def streamed(*words):
+    """Program that streams a session, and its address."""
+    own = [sys.executable, "-c", "from hil.cli import main; raise SystemExit(main())"]
+    port = free_port()
+    program = subprocess.Popen(
+        [*own, "view", str(SMALL), "--live", str(port), *words], stdout=subprocess.PIPE, text=True
+    )
+    return program, f"ws://127.0.0.1:{port}"
+
+
+def test_a_session_that_is_over_waits_for_its_viewer():
+    client = pytest.importorskip("websockets.sync.client")
+    program, address = streamed()
+    while "It begins when a viewer" not in (line := program.stdout.readline()):
+        assert line
+    time.sleep(1.0)
+    assert program.poll() is None
+    wanted = {t for t, *_ in recorded(SMALL)}
+    got, names = [], {}
+    with client.connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as link:
+        for said in link:
+            if isinstance(said, bytes):
+                got.append((names[struct.unpack_from("<I", said, 1)[0]], said[13:]))
+            elif channels := json.loads(said).get("channels"):
+                names |= {c["id"]: c["topic"] for c in channels}
+                wishes = [{"id": c["id"], "channelId": c["id"]} for c in channels]
+                link.send(json.dumps({"op": "subscribe", "subscriptions": wishes}))
+    assert program.communicate(timeout=10)[0] == "" and program.returncode == 0
+    assert set(names.values()) == wanted and got == [(t, d) for t, _, d in recorded(SMALL)]
+
+
+def test_a_stream_that_nobody_looked_at_says_so(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("websockets")
+    monkeypatch.setattr("hil.commands.view._step_aside", lambda: None)
+    monkeypatch.setattr("hil.commands.view._OPENED", 0.1)
+    assert main(["view", str(SMALL), "--live", str(free_port())]) == 2
+    assert "no viewer came to session" in capsys.readouterr().err
+    assert main(["view", str(SMALL), "--live", str(free_port()), "--expected"]) == 0
+    assert "no viewer has looked" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["--live", "0"], "from 1 to 65535"), (["--live", "-o", "x.json"], "--live writes no file")],
+    [
+        (["--live", "0"], "from 1 to 65535"),
+        (["--live", "-o", "x.json"], "--live writes no file"),
+        (["--for", "foxglove", "--origin", "http://a.example"], "--origin goes with --live"),
+        (["--live", "--origin", "a.example"], "expected a site such as"),
+        (["--live", "--origin", "http://a.example/page"], "expected a site such as"),
+    ],
 )
 def test_a_stream_that_cannot_be_is_refused(words, said, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
