@@ -18,6 +18,7 @@ from hil.identify.design import head
 from hil.models import catalogue, formula
 from hil.models.bodies import Tree
 from hil.models.effect import Effect, Over, Trait
+from hil.models.mass import SPRING
 from hil.models.model import ALL, RobotModel, Use
 from hil.models.motion import Motion
 from hil.models.parts import JOINT, Param
@@ -28,6 +29,13 @@ FloatArray = NDArray[np.float64]
 SENSOR = "sensor"
 #: Share of the recorded range beyond a stop from which it is no end of the range.
 DEEPEST = 1 / 3
+#: Formulas whose coefficients are friction, damping, stiffness or inertia: below zero a program
+#: that moves the robot by them is driven.
+PASSIVE = (
+    *("sign", "v", "a", SPRING),
+    "abs(side * max(0, side * (q - q0))) * v",
+    *("abs(max(0, q - q0)) * v", "abs(min(0, q - q1)) * v"),
+)
 #: Formulas of friction that simulators have, and the effects that these are.
 _FRICTION = ("sign", "v")
 STAND_INS = ("coulomb", "viscous")
@@ -85,6 +93,22 @@ class Vocabulary:
                 effect = next(e for e in catalogue.table().values() if needed in e.doc.formulas)
                 return f"the target can say it only on a joint that has a {effect.name}"
         return ""
+
+
+def passive(model: RobotModel, joints: tuple[str, ...]) -> frozenset[str]:
+    """Names of a model's coefficients that are not below zero, and must not come there.
+
+    What the whole model has below zero is what the recording shows, and stays.
+    """
+    words, values = {_same(text) for text in PASSIVE}, model.values()
+    found = set()
+    for use in model.effects:
+        effect = catalogue.get(use.type)
+        every = zip(effect.doc.formulas, effect.params, strict=False)
+        mine = [p.name for text, p in every if _same(text) in words]
+        acting = [j for j, name in enumerate(joints) if use.joints == ALL or name in use.joints]
+        found |= {f"{head(effect, j)}.{name}" for j in acting for name in mine}
+    return frozenset(n for n in found if n not in values or values[n].value >= 0.0)
 
 
 def _same(text: str) -> str:
@@ -363,7 +387,7 @@ class _Translation:
             and not any(x.joint == c.joint and x.text == needed for x in columns)
         ]
         columns[:] = [c for c in columns if c not in gone]
-        why = "the target can say it only beside an effect that is lost"
+        why = "the target can say it only beside an effect that is lost, or that came to zero"
         return [Lost(c.effect, (self.robot.joints[c.joint],), why) for c in gone]
 
     def sliding(self, content: Content) -> tuple[Content, list[str]]:

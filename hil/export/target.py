@@ -30,6 +30,7 @@ from hil.export.content import (
     Content,
     Lost,
     Vocabulary,
+    passive,
     slid,
     stand_ins,
     translate,
@@ -376,10 +377,11 @@ def _refitted(
         least, problem = problem.least, make_problem([_seen(base, r) for r in runs], left)
         problem.least.update(least)
         examine = Examiner(problem, [_seen(base, r) for r in holdout])
-        result = complete(fit_aligned(problem, left, before.result.sigma))
-        after = Step("within the target", result, examine(result))
-    elif left != model:
-        result = complete(fit(problem, left, scale=before.result.sigma))
+    refit = _Refit(words, before.result, lost)
+    problem.positive = passive(before.result.model, problem.joints)
+    if base is not None or left != model:
+        first = fit_aligned if base is not None else fit
+        result = refit(first(problem, left, scale=before.result.sigma))
         after = Step("within the target", result, examine(result))
     content = translate(after.result.model, problem.robot, words, problem.span)
     content = replace(content, lost=(*lost, *content.lost))
@@ -389,19 +391,80 @@ def _refitted(
     if base is not None:
         notes.append(_leans(base))
     if content.bodies is None or not words.bodies:
-        return Within(content, after.result.model, steps, tuple(notes))
+        return Within(content, after.result.model, steps, (*notes, *refit.held))
     found = _feasible(content, _measured(after.result), mended)
     if found is None:
-        return Within(content, after.result.model, steps, tuple(notes))
+        return Within(content, after.result.model, steps, (*notes, *refit.held))
     notes.append(_said(found))
     if not holdout:
         notes.append("the bodies were found on all the data, the held-out blocks included")
     # the errors that are shown are those of the very bodies that are written
-    result = complete(fit(problem, _holding(after.result, found.bodies), scale=after.result.sigma))
+    result = refit(fit(problem, _holding(after.result, found.bodies), scale=after.result.sigma))
     steps = (*steps, Step("feasible bodies", result, examine(result)))
     content = translate(result.model, problem.robot, words, problem.span)
     content = replace(content, bodies=found.bodies, lost=(*lost, *content.lost))
-    return Within(content, result.model, steps, (*notes,))
+    return Within(content, result.model, steps, (*notes, *refit.held))
+
+
+@dataclass
+class _Refit:
+    """Fits within a target's words.
+
+    Parameters
+    ----------
+    words : Vocabulary
+        Of the target.
+    before : FitResult
+        Of the whole model.
+    lost : list of Lost
+        What is lost; what a fit loses comes to it.
+    """
+
+    words: Vocabulary
+    before: FitResult
+    lost: list[Lost]
+    zero: set[str] = field(default_factory=set)
+
+    def __call__(self, result: FitResult) -> FitResult:
+        """The fit, again without what the target cannot say now that other values came to zero."""
+        result = complete(result)
+        while True:
+            known = self.before.values
+            self.zero |= {
+                n
+                for n in known.keys() & result.values.keys() & result.problem.positive
+                if result.values[n].at_bound and not known[n].at_bound
+            }
+            problem, model = result.problem, result.model
+            gone = translate(model, problem.robot, self.words, problem.span).lost
+            left, more = reduced(_without(model, gone, problem.joints), self.words, problem.joints)
+            if left == model:
+                return result
+            self.lost += [*gone, *more]
+            result = complete(fit(problem, left, scale=result.sigma))
+
+    @property
+    def held(self) -> list[str]:
+        """A note on values that would have become negative; empty where none would."""
+        if not self.zero:
+            return []
+        names = ", ".join(sorted(self.zero))
+        return [
+            f"values that would become negative to take up what is lost, and are held at 0: {names}"
+            "; the errors are those with them"
+        ]
+
+
+def _without(model: RobotModel, gone: Sequence[Lost], joints: tuple[str, ...]) -> RobotModel:
+    """A model without what was lost on some joints."""
+    out = []
+    for use in model.effects:
+        lost = [x.joints for x in gone if x.effect == use.type]
+        every = [j for j in joints if use.joints == ALL or j in use.joints]
+        left = tuple(j for j in every if not any(x == ALL or j in x for x in lost))
+        if left:
+            out.append(replace(use, joints=left) if len(left) < len(every) else use)
+    return replace(model, effects=tuple(out))
 
 
 #: Change of a value that is told: beyond so many standard errors, and by this share of it; and

@@ -89,7 +89,9 @@ def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
     start = prefix(term, problem.joints)
     params = terms_of(term.effect, problem.motions[0], term.joint)
     if not term.per_run:
-        return [(f"{start}.{p.name}", p) for p in params]
+        named = ((f"{start}.{p.name}", p) for p in params)
+        bound = problem.positive
+        return [(n, replace(p, lower=max(p.lower, 0.0)) if n in bound else p) for n, p in named]
     firsts = np.unique(problem.whole, return_index=True)[1]
     names = [problem.recordings[k].name for k in firsts][
         1 if term.effect.variation.relative else 0 :

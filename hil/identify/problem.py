@@ -251,6 +251,8 @@ class Rows:
         self.accuracy = said[0].accuracy
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
+        #: Coefficients that must not be negative, whatever their effects allow.
+        self.positive: frozenset[str] = frozenset()
         self._kept = Kept()
         #: Whether columns are made that another round of a search may make again.
         self._spare = False
@@ -548,6 +550,7 @@ class Problem(Rows):
             "effort": effort,
             "memo": {},
             "least": {},
+            "positive": frozenset(),
             "alignment": Alignment(),
             "asked_late": False,
             "aligned": False,

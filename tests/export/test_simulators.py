@@ -91,6 +91,48 @@ def test_sdf_by_its_own_rules(made, states):
     np.testing.assert_allclose(efforts, evaluated(found.steps[-1], q, v, a), atol=1e-6)
 
 
+@pytest.fixture(scope="module")
+def geared():
+    """A rotor behind a gear, which SDF has no word for, on a joint with a weak spring."""
+
+    def session(seed):
+        run = spatial(seed, 6.0)
+        tau = run.tau.copy()
+        speed = np.gradient(run.q[:, 2], run.t)
+        tau[:, 2] += 0.3 * np.gradient(speed, run.t) + 0.3 * (run.q[:, 2] - 0.5)
+        return replace(run, tau=tau)
+
+    one, two = session(1), session(2)
+    return base_model(one.robot) + Use("spring", ("fore",)), one, two
+
+
+def _geared(geared, name):
+    model, one, two = geared
+    return get(name).make(Job(model, Path("arm.toml"), "arm", [one], [two], True))
+
+
+def test_no_spring_pushes_away_to_take_up_what_is_lost(geared):
+    """The errors are those of what is written: a constant effort goes with its spring."""
+    found = _geared(geared, "sdf")
+    values = found.steps[0].result.values
+    assert values["j3.spring.k"].value == pytest.approx(0.3, abs=0.05)
+    _, damping, friction, stiffness, _ = _sdf_model(found.texts[".sdf"])
+    assert not stiffness.any() and np.all(damping >= 0) and np.all(friction >= 0)
+    (said,) = (x for x in found.notes if "would become negative" in x)
+    assert "j3.spring.k" in said
+    assert any(x.startswith("spring on fore: ") for x in found.lost)
+    left = found.steps[-1].result
+    assert not any(t.effect.name == "spring" for t in left.terms)
+    assert left.values["j3.viscous.fv"].value == pytest.approx(damping[2], rel=1e-9)
+
+
+def test_a_target_with_a_word_for_the_rotor_keeps_the_spring(geared):
+    found = _geared(geared, "mjcf")
+    joints = list(ET.fromstring(found.texts[".xml"]).iter("joint"))
+    assert float(joints[2].get("stiffness")) == pytest.approx(0.3, abs=0.05)
+    assert not any("would become negative" in x for x in found.notes)
+
+
 def test_isaac_settings_beside_their_urdf(made, states):
     found = made("isaac")
     model = pin.buildModelFromXML(found.texts[".urdf"])
