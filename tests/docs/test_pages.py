@@ -5,6 +5,7 @@ import gc
 import hashlib
 import pkgutil
 import re
+import shlex
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from test_blocks import DOCS, PAGES, ROOT
 
 from hil import registry
-from hil.cli import COMMANDS
+from hil.cli import COMMANDS, build_parser, main
 
 SITE = ROOT / "mkdocs.yml"
 #: Printed by a command, not written.
@@ -35,6 +36,40 @@ def test_the_page_of_commands_has_all_and_no_other():
     page = (DOCS / "commands.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `hil ([\w-]+)` \| .+ \| `hil ([\w-]+) ?[^`]*` \|$", page, re.M)
     assert [a for a, _ in rows] == list(COMMANDS) and all(a == b for a, b in rows)
+
+
+#: Examples of the page of commands that are only read: command -> reason.
+ONLY_READ = {
+    **dict.fromkeys(("demo", "experiment", "bench"), "takes minutes, and has tests of its own"),
+    **dict.fromkeys(("ui", "studio"), "serves a page until it is ended"),
+    "selftest": "asks for a word before the motors move",
+    **dict.fromkeys(("import", "info", "fit", "compare", "diagnose"), "the reader's recording"),
+    **dict.fromkeys(("add", "improve", "export", "trust"), "the reader's recording or model"),
+    "list": "the reader's folder",
+}
+
+
+def _examples():
+    """Command lines of the examples, command by command."""
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    found = re.findall(r"^\| `hil [\w-]+` \| .+ \| `hil ([^`]+)` \|$", page, re.M)
+    return {words[0]: words for words in map(shlex.split, found)}
+
+
+def test_examples_of_the_page_of_commands_have_the_options_that_there_are():
+    for name, words in _examples().items():
+        _, rest = build_parser(name).parse_known_args(words)
+        assert not rest, words
+
+
+def test_examples_of_the_page_of_commands_run(tmp_path, monkeypatch, capsys):
+    """In the order of the page; a later one may take the file of an earlier one."""
+    monkeypatch.chdir(tmp_path)
+    assert set(ONLY_READ) < set(COMMANDS)
+    run = {name: words for name, words in _examples().items() if name not in ONLY_READ}
+    assert {"run", "init", "devices", "replay", "view", "excite", "design"} <= set(run)
+    for words in run.values():
+        assert main(words) == 0, (words, capsys.readouterr().err)
 
 
 def test_files_that_pages_name_exist():
