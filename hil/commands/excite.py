@@ -511,9 +511,9 @@ def play(args: argparse.Namespace, rows: Played | None) -> str:
     return "\n".join(lines)
 
 
-def beside(args: argparse.Namespace, joints: int) -> str:
-    """What to do with the session of a motion of one of several joints."""
-    if not args.joint or joints == 1:
+def beside(motion: trajectory.Trajectory) -> str:
+    """What to do with the session of a motion that leaves joints where they are."""
+    if np.all(np.ptp(motion.via, axis=0) + np.abs(motion.series).sum(axis=(1, 2)) > 0):
         return ""
     return (
         "\nThe other joints only hold their place and show little: diagnose it together with a "
@@ -664,7 +664,7 @@ def _separate(
         f"{length(args, motion)}\n"
         f"{menu_table(found)}\n\n"
         f"{limits(best.margins, stage.space)}\n\n{play(args, rows)}"
-        f"{beside(args, joints)}"
+        f"{beside(motion)}"
     )
     return 0
 

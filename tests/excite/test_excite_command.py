@@ -50,6 +50,16 @@ def test_one_line_of_the_rig_file_plays_a_trajectory(tmp_path, capsys):
     assert moved[0] > 0.02 and moved[1:].max() < 0.02
 
 
+@pytest.mark.parametrize(("motion", "held"), [("rests", True), ("multisine", False)])
+def test_joints_hold_their_place_only_where_the_motion_leaves_them(motion, held, tmp_path, capsys):
+    """A motion of all joints shows all of them, also where one joint was asked about."""
+    words = ["--for", "cogging", "--joint", "joint1", "--motion", motion, "--seconds", "8"]
+    assert main(["excite", str(RIG), *words, "-o", str(tmp_path / "m.toml")]) == 0
+    x = trajectory.read(tmp_path / "m.toml")
+    assert np.all(np.ptp(sample(x, np.linspace(0, x.period, 500))[0], axis=0) > 1e-3) is not held
+    assert ("The other joints only hold their place" in capsys.readouterr().out) is held
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
