@@ -93,25 +93,34 @@ def text(output: Path, found: Imported, model: Path, written: bool) -> str:
     lines.append(f"{model}: {'base model written' if written else _kept(model, found)}")
     faults = _faults(found)
     lines += [_fault(f) for f in faults if f.severity != "error"]
-    return "\n".join([*lines, *_next(output, model, faults)]) + "\n"
+    own = ["--model", str(model)] if written or not _foreign(model, found) else []
+    return "\n".join([*lines, *_next(output, own, faults)]) + "\n"
 
 
 def _kept(model: Path, found: Imported) -> str:
     """What is said of a model that was there already, and whether it is of another robot."""
-    beside, urdf = model.with_suffix(".urdf"), found.recordings[0].robot.urdf
-    if not urdf or outputs.same_text(beside, urdf):
+    if not _foreign(model, found):
         return "model kept as it was"
     return (
-        f"model kept as it was, of another robot than this session; delete it and {beside.name} "
-        "for a new one"
+        "model kept as it was, of another robot than this session; delete it and "
+        f"{model.with_suffix('.urdf').name} for a new one"
     )
 
 
-def _next(output: Path, model: Path, faults: list[DataFault]) -> list[str]:
-    """What to do with the session: look at it and diagnose it, or mend it where it is worthless."""
+def _foreign(model: Path, found: Imported) -> bool:
+    """Whether a model that was there already is of another robot."""
+    urdf = found.recordings[0].robot.urdf
+    return bool(urdf) and not outputs.same_text(model.with_suffix(".urdf"), urdf)
+
+
+def _next(output: Path, own: list[str], faults: list[DataFault]) -> list[str]:
+    """What to do with the session: look at it and diagnose it, or mend it where it is worthless.
+
+    `own` are the words for a model of its robot.
+    """
     errors = [f for f in faults if f.severity == "error"]
     if not errors:
-        words = (["info", str(output)], ["diagnose", str(output), "--model", str(model)])
+        words = (["info", str(output)], ["diagnose", str(output), *own])
         return ["next:", *(f"  {shlex.join(['hil', *some])}" for some in words)]
     return [
         *map(_fault, errors),

@@ -211,9 +211,10 @@ def test_import_again_when_the_model_is_gone_but_its_urdf_is_left(folder, capsys
     (folder / "r.model.toml").unlink()
     assert main(words) == 0  # the same robot: the model is made again
     assert (folder / "r.model.toml").read_text() == model
-    capsys.readouterr()
+    assert "hil diagnose r.mcap --model r.model.toml" in capsys.readouterr().out
     assert main([*words[:-1], "other.urdf"]) == 0
-    assert "of another robot than this session" in capsys.readouterr().out
+    said = capsys.readouterr().out  # no advice to diagnose it with the model of the other robot
+    assert "of another robot than this session" in said and "hil diagnose r.mcap\n" in said
     assert (folder / "r.model.toml").read_text() == model
     (folder / "r.model.toml").unlink()
     refused(capsys, "import run.csv -o r.mcap --robot other.urdf", "r.model.urdf", "move that file")
