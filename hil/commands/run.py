@@ -11,14 +11,16 @@ import glob
 import json
 import math
 import re
+import struct
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from tqdm import tqdm
 
 from hil import outputs, terminal
@@ -36,7 +38,7 @@ from hil.toml import merge
 from hil.ui import desk
 
 
-@contextmanager
+@contextlib.contextmanager
 def named(path: str) -> Iterator[None]:
     """Put the name of the rig file in front of a `ConfigError`."""
     try:
@@ -195,11 +197,15 @@ def _broken_off(args: argparse.Namespace, before: tuple[int, int] | None, began_
 
 
 def records(path: str, before: tuple[int, int] | None, began_ns: int) -> list[str]:
-    """Files of the record of an interrupted session, all its parts."""
+    """Files of the record of an interrupted session, all parts; those without a row go."""
     now, place = _stamp(path), Path(path)
     found = [] if now is None or now == before else [path]
     parts = place.parent.glob(f"{glob.escape(place.stem)}.part*{glob.escape(place.suffix)}")
-    return found + sorted(str(p) for p in parts if p.stat().st_mtime_ns > began_ns)
+    found += sorted(str(p) for p in parts if p.stat().st_mtime_ns > began_ns)
+    kept = [name for name in found if not _without_rows(name)]
+    for name in set(found) - set(kept):
+        Path(name).unlink(missing_ok=True)
+    return kept
 
 
 def until_then(files: Sequence[str]) -> str:
@@ -226,6 +232,18 @@ def until_then(files: Sequence[str]) -> str:
         ("rows dropped", f"{end['dropped']} of the ring"),
     ]
     return "".join(f"{name:<17} {value}\n" for name, value in rows)
+
+
+def _without_rows(path: str) -> bool:
+    """Whether a session that was closed holds no row: it ended before the first one was written."""
+    with contextlib.suppress(McapError, OSError, ValueError, struct.error):
+        with open(path, "rb") as file:
+            told = make_reader(file).get_summary()
+        if told is not None and told.statistics is not None:
+            counts = told.statistics.channel_message_counts
+            named = {k for k, c in told.channels.items() if c.topic.endswith("/measured_js")}
+            return bool(named) and not any(counts.get(k) for k in named)
+    return False  # it was not closed properly, and is not judged
 
 
 def differences(path: str) -> list[str]:

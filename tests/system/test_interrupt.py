@@ -112,6 +112,31 @@ def test_while_a_session_is_recorded(tmp_path):
     assert "rows dropped" in done.stdout
 
 
+#: Runs the program and ends it by a signal when the loop begins, before there is a row.
+BEGINNING = """
+import os, signal
+from hil.runtime.loop import Loop
+begin = Loop.begin
+def ended(self):
+    begin(self)
+    os.kill(os.getpid(), NUMBER)
+Loop.begin = ended
+from hil.__main__ import program
+program()
+"""
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "real"])
+@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_session_that_ends_before_its_first_row_leaves_no_file(tmp_path, clock, name, code):
+    words = ("run", "identify", "--clock", clock, "--seconds", "9", "--plain", "-o", "s.mcap")
+    script = BEGINNING.replace("NUMBER", f"signal.{name}")
+    done = run(script, *words, folder=tmp_path)
+    assert done.returncode == code, done.stderr
+    assert done.stderr.splitlines()[-1].endswith("; it had not begun to record")
+    assert not list(tmp_path.glob("*.mcap"))
+
+
 @pytest.mark.parametrize("many", [1, 3])
 def test_what_is_done_as_a_whole_is_not_left_half_done(many):
     interrupts, done = Interrupts(), []
