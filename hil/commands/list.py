@@ -16,6 +16,7 @@ from hil.record.checks import check
 from hil.record.mcap_read import SessionSummary, began, summary
 from hil.record.recording import TAGS, Recording, tags_of
 from hil.record.sources import below, every_arm, is_session, recorded, refuse_table_words
+from hil.signals.device import OperatingState
 
 EXAMPLE = "hil list sessions --tag needle"
 
@@ -42,7 +43,8 @@ class ListedSession:
     tags : tuple of str
         As they were given.
     verdict : str
-        ``usable``, how many faults, or why it cannot be read; that it was broken off or recovered.
+        ``usable``, how many faults, or why it cannot be read; that it was broken off or recovered,
+        or ended PAUSED or FAULT.
     """
 
     path: str
@@ -139,6 +141,10 @@ def _of_file(path: Path, runs: Sequence[Recording]) -> tuple[datetime, str]:
     return datetime.fromtimestamp(seconds, UTC), by
 
 
+#: States in which the motors have no torque: a session that ends so has not done what it was for.
+_TORQUELESS = (OperatingState.PAUSED.name, OperatingState.FAULT.name)
+
+
 def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:
     """``usable``, or what is wrong with a file and how many faults its arms have."""
     wrong = ["cut off"] if found and found.truncated else []
@@ -148,6 +154,8 @@ def _verdict(runs: Sequence[Recording], found: SessionSummary | None) -> str:
     wrong += [plural(count, severity) for count, severity in counts if count]
     wrong += [] if runs else ["no arm"]
     ended = ["broken off"] if found and found.end and found.end.text else []
+    last = found.states[-1].state if found and found.states else ""
+    ended += [f"ended {last}"] if last in _TORQUELESS else []
     ended += ["recovered"] if found and found.recovered else []
     return ", ".join([*(wrong or ["usable"]), *ended])
 

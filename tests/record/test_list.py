@@ -83,6 +83,30 @@ def test_a_session_of_a_rig_keeps_its_tags(folder, capsys):
     assert "without a comma" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ([], 0, ""),
+        (["--at", "0.1 pause"], 4, "ended PAUSED"),
+        (["--fault"], 3, "ended FAULT"),
+    ],
+)
+def test_a_session_that_ended_without_torque_is_told(words, code, said, tmp_path, capsys):
+    rig = tmp_path / "rig.toml"
+    assert main(["init", "identify", "-o", str(rig)]) == 0
+    if words == ["--fault"]:
+        text = rig.read_text(encoding="utf-8")
+        limit = "[arms.leader]\nspeed_limit = [0.5, 0.5, 0.5]\n"
+        rig.write_text(text.replace("[arms.leader]\n", limit), encoding="utf-8")
+        words = []
+    path = str(tmp_path / "s.mcap")
+    run = ["run", str(rig), "--clock", "lockstep", "--seconds", "3", "-o", path, *words]
+    assert main(run) == code
+    capsys.readouterr()
+    verdict = listed(capsys, path)[path]["verdict"]
+    assert ("ended" in verdict) is bool(said) and said in verdict
+
+
 def test_faults_are_counted(folder, capsys):
     run = plants.tanh_axes()
     write_recordings("stuck.mcap", [replace(run, tau=0 * run.tau)])
