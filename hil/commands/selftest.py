@@ -207,6 +207,9 @@ class _Bench:
             fine = 0.0 if scales is None else STILL / scales[:, 0]
             still = bool(np.all(moved[i] <= np.maximum(STILL_COUNTS, fine)))
             text = f"counts moved by {most} at rest"
+            if scales is not None:  # counts of such drives are too fine to say how far
+                angle = float(np.max(moved[i] * scales[:, 0]))
+                text += f": {angle:.1g} rad or m, where up to {STILL:g} is at rest"
             if not still:
                 text += "; rest the arm in its dock and keep off it, or look for bad cables"
             yield TestStep(arm, "encoders", still, text)

@@ -133,6 +133,8 @@ def test_arms_of_a_urdf_are_read_at_rest(name, capsys):
     assert main(["selftest", name]) == 0  # and nobody is asked
     said = capsys.readouterr().out
     assert "at rest" in said and "not driven" in said
+    # counts of drives that measure finer than an encoder are told with how far they are
+    assert "rad or m, where up to 0.001 is at rest" in said
 
 
 def with_options(**options):
