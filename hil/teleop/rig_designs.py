@@ -103,7 +103,9 @@ def settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
     """
     out: dict[str, Any] = {}
     for word in words:
-        key, _, text = word.partition("=")
+        key, equals, text = word.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {word}: KEY=VALUE is needed, e.g. --set stiffness=200")
         if key not in (known := tuple(names) or (*WISHES, *REAL, *TASK, *SEARCH)):
             raise ConfigError("--set: " + unknown("key", key, known))
         out[key] = text if key in ("shape", "forces") else _value(key, text)

@@ -52,6 +52,7 @@ def test_what_the_period_cannot_render_is_refused_and_not_written(tmp_path, caps
     [
         (["delayed", "--fsf"], "--fsf means nothing for the law delayed"),
         (["delayed", "--set", "wavy=1"], "Did you mean 'wave'"),
+        (["lawrence", "--set", "novalue"], "--set novalue: KEY=VALUE is needed"),
         (["lawrence", "--set", "forward=0.05", "--set", "backward=0.05"], "--design passivity"),
     ],
 )
