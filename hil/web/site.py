@@ -220,7 +220,12 @@ def _asked(body: bytes) -> dict[str, Any]:
         raise ConfigError("the request is nested too deeply") from None
     if not isinstance(given, dict):
         raise ConfigError("a request is an object")
-    json.dumps(given, ensure_ascii=False).encode()  # half a character is no text
+    try:
+        json.dumps(given, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise ConfigError(
+            "a text of the request holds half a character (a single surrogate); expected Unicode"
+        ) from None
     return given
 
 

@@ -225,6 +225,8 @@ def test_the_page_answers_requests_with_its_secret(desk):
         assert "http" not in client.get(f"/static/{name}").text.replace("http://www.w3.org", "")
     assert client.post("/api/take", json={"page": ONE}).status_code == 403
     assert client.get("/api/view?page=x", headers=head).status_code == 400
+    half = client.post("/api/take", content=b'{"page": "\\ud800"}', headers=head)
+    assert half.status_code == 400 and "half a character" in half.json()["error"]
     assert client.post("/api/take", json={"page": ONE}, headers=head).json() == {}
     assert client.post("/api/begin", json={"page": ONE}, headers=head).json() == {}
     more = {"page": ONE, "number": 1, "text": "start"}
