@@ -59,8 +59,9 @@ _LOOKED, _LINGER, _PATIENT = 0.02, 0.5, 8.0
 #: How long a session that was promised may take to begin, a next part may take, and a file that
 #: nobody writes may still grow [s].
 _PATIENCE, _NEXT, _QUIET = 60.0, 0.3, 1.0
-#: How long a session that is over waits for its first viewer [s].
-_OPENED = 600.0
+#: How long a session that is over waits for its first viewer, and who connects may take to say
+#: that it is one [s].
+_OPENED, _OPENS = 600.0, 2.0
 #: Messages that wait for a slow viewer before the oldest are dropped: about a second of a rig.
 _BACKLOG = 16_384
 _MESSAGE = struct.Struct("<HIQQ")
@@ -401,6 +402,7 @@ class FoxgloveSink:
             subprotocols=[Subprotocol(p) for p in _PROTOCOLS],
             compression=None,
             max_size=_ASKED,
+            open_timeout=_OPENS,
             close_timeout=_PATIENT,
             logger=silent,
         )

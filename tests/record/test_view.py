@@ -473,6 +473,30 @@ def test_what_is_no_wish_is_not_heard(stream, said):
         link.close()
 
 
+def test_who_reads_nothing_does_not_keep_the_stream(stream):
+    """Neither a viewer that hangs, nor a connection that never says what it is."""
+    pytest.importorskip("websockets")
+    sink, port = stream
+    sink.channel(1, records.Channel(1, "/x", "json", {}, 0), None)
+    wish = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]}).encode()
+    head = (
+        f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+    )
+    place = ("127.0.0.1", port)
+    with socket.create_connection(place) as viewer, socket.create_connection(place):
+        viewer.sendall(head.encode())
+        assert b"101" in viewer.recv(12)
+        viewer.sendall(bytes([0x81, 0x80 | len(wish), 0, 0, 0, 0]) + wish)
+        assert sink.looked.wait(5.0)
+        for k in range(5000):  # 20 MB: more than the network holds
+            sink.message(1, k, bytes(4096))
+        since = time.monotonic()
+        sink.close()
+        assert time.monotonic() - since < 5.0
+
+
 def streamed(*words):
     """Program that streams a session, and its address."""
     own = [sys.executable, "-c", "from hil.cli import main; raise SystemExit(main())"]
