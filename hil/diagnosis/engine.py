@@ -73,14 +73,14 @@ from hil.diagnosis.verdict import (
     rival_name,
     with_errors,
 )
-from hil.identify.context import SOLID, renew
+from hil.identify.context import renew
 from hil.identify.design import by_run
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, late_beside
 from hil.models import catalogue
-from hil.models.effect import Trait
+from hil.models.effect import SOLID, Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out

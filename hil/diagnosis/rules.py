@@ -44,10 +44,9 @@ from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, levels, parts
 from hil.diagnosis.types import Candidate, CheckResult, Evidence
-from hil.identify.context import SOLID
 from hil.identify.design import Term, head
 from hil.identify.regression import inflation
-from hil.models.effect import Trait, Waves
+from hil.models.effect import SOLID, Trait, Waves
 
 if TYPE_CHECKING:
     from hil.diagnosis.remodel import Visited

@@ -23,7 +23,7 @@ from hil.errors import ConfigError
 from hil.estimate import compensation
 from hil.estimate.compensation import BEND, MEMORY, SLIP, TERM, VARIABLES
 from hil.models import catalogue
-from hil.models.effect import Effect, Trait, terms_of
+from hil.models.effect import SOLID, Effect, Trait, terms_of
 from hil.models.model import RobotModel, Value
 from hil.models.motion import Motion
 from hil.models.phantom import Premium
@@ -141,7 +141,9 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
     slips: list[Any] = []
     flat: list[FloatArray] = []
     ends = np.reshape(span, (3, 2)) if len(span) else np.tile(_ENDS["q"], (3, 1))
-    for j, effect, given in _groups(values):
+    groups = _groups(values)
+    for j, effect, given in groups:
+        _refuse_load(effect, [e for k, e, _ in groups if k == j])
         part = _Part(effect, j, *_numbers(effect, j, given), ends, bool(len(span)))
         theta = part.theta
         if isinstance(effect, Presliding):
@@ -159,6 +161,14 @@ def tables(values: Mapping[str, float], span: Sequence[float] = ()) -> Tables:
             flat.append(sheet[0].reshape(-1))
     out = np.concatenate(flat) if flat else np.zeros(1)
     return Tables(np.array(terms, TERM), np.array(slips, SLIP), out)
+
+
+def _refuse_load(effect: Effect, beside: Sequence[Effect]) -> None:
+    """Refuse a law of a load that the loop knows only a part of: it knows no springs in it."""
+    carried = [e.name for e in beside if e.family in SOLID]
+    if Trait.LOAD in effect.traits and carried:
+        why = f"the load that it refers to holds {', '.join(carried)}, which the loop's does not"
+        raise _refusal(effect, why)
 
 
 def _refuse_span(span: Sequence[float]) -> None:

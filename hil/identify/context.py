@@ -25,7 +25,7 @@ from hil.identify.problem import Problem
 from hil.identify.screening import CLOSE
 from hil.identify.shape_search import search_shapes
 from hil.identify.solve import solve, solved
-from hil.models.effect import Trait
+from hil.models.effect import SOLID, Trait
 from hil.models.model import RobotModel
 from hil.models.motion import Motion
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
-#: Families whose effort depends on posture and acceleration alone.
-SOLID = ("mass", "stiffness")
 #: Share of a load's range within which two loads are the same.
 SAME_LOAD = 1e-3
+#: Instants of a run at which columns are compared.
+PROBED = 200
 #: Rounds in which load and states of friction settle for shapes that are known.
 SETTLING = 3
 #: Most rounds in which a load and what refers to it settle, and the change of the residual's scale
@@ -93,7 +93,7 @@ def set_context(problem: Problem, terms: Sequence[Term]) -> None:
 def update_load(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> None:
-    """Transmitted load = rigid-body effort minus external effort; its static part at rest."""
+    """Transmitted load = effort of masses and springs less external effort; its part at rest."""
     loads, still = _loads(problem, terms, theta, slices)
     problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
     motions = _responding(problem.motions, terms, theta, slices)
@@ -350,7 +350,7 @@ def _slid(old: tuple[FloatArray | None, ...], new: tuple[FloatArray | None, ...]
     return len(old) != len(new) or any(a is not b for a, b in zip(old, new, strict=True))
 
 
-def masses(terms: Sequence[Term], slices: Sequence[slice]) -> list[tuple[Term, slice]]:
+def bearing(terms: Sequence[Term], slices: Sequence[slice]) -> list[tuple[Term, slice]]:
     """Terms that the load is made of, and where their coefficients are.
 
     A motor's rotor lies before the gear or cable, which transmits none of its inertia: it is left
@@ -360,7 +360,7 @@ def masses(terms: Sequence[Term], slices: Sequence[slice]) -> list[tuple[Term, s
     return [
         (t, where)
         for t, where in zip(terms, slices, strict=True)
-        if t.effect.family == "mass"
+        if t.effect.family in SOLID
         and not t.per_run
         and not (apart and Trait.ROTOR in t.effect.traits)
     ]
@@ -370,9 +370,49 @@ def _loads(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Transmitted load and its part at rest (n, d), run by run."""
-    mass = [(t, theta[where]) for t, where in masses(terms, slices)]
-    moving, still = (_carried(problem, mass, rest) for rest in (False, True))
+    solid = [(t, theta[where]) for t, where in bearing(terms, slices)]
+    solid += _alike(problem, [t for t, _ in solid], terms, theta, slices)
+    moving, still = (_carried(problem, solid, rest) for rest in (False, True))
     return [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)], still
+
+
+def _alike(
+    problem: Problem,
+    solid: Sequence[Term],
+    terms: Sequence[Term],
+    theta: FloatArray,
+    slices: Sequence[slice],
+) -> list[tuple[Term, FloatArray]]:
+    """Terms that no motion tells from a part of the load, and what is theirs.
+
+    A motor's offset and the constant of a spring are one value, however a fit divides it: all of it
+    is taken to be the spring's.  Of offsets by run that is their mean.
+    """
+    own = [t for t in solid if not t.effect.scope.whole]
+    out = []
+    for t, where in zip(terms, slices, strict=True):
+        beside = [x for x in own if x.joint == t.joint]
+        simple = Trait.MOTION in t.effect.traits and not (t.effect.scope.whole or t.effect.shape)
+        if not beside or not simple or t.effect.family in SOLID:
+            continue
+        if _held_by(problem, t, beside):
+            part = theta[where]
+            mean = np.mean(by_run(t, part, problem.runs), axis=0) if t.per_run else part
+            out.append((t, mean))
+    return out
+
+
+def _held_by(problem: Problem, term: Term, others: Sequence[Term]) -> bool:
+    """Whether the columns of other terms of its joint hold those of a term."""
+    few = [slice(None, None, max(1, m.n // PROBED)) for m in problem.motions]
+
+    def rows(t: Term) -> FloatArray:
+        raw = zip(problem.raw(t.effect, t.joint, t.shape), few, strict=True)
+        return np.concatenate([x[k] for x, k in raw])
+
+    one, more = rows(term), np.concatenate([rows(t) for t in others], axis=1)
+    left = one - more @ np.linalg.lstsq(more, one, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME_LOAD * np.linalg.norm(one))
 
 
 def _responding(
@@ -393,10 +433,12 @@ def _responding(
     return [replace(m, response=EffortResponse(m, solid, more)) for m in motions]
 
 
-def _carried(problem: Problem, mass: list[tuple[Term, FloatArray]], rest: bool) -> list[FloatArray]:
-    """Rigid-body effort along the motion, or held at each of its postures: (n, d) a run."""
+def _carried(
+    problem: Problem, solid: list[tuple[Term, FloatArray]], rest: bool
+) -> list[FloatArray]:
+    """Effort of masses and springs along the motion, or at rest in its postures: (n, d) a run."""
     out = [np.zeros_like(m.q) for m in problem.motions]
-    for t, theta in mass:
+    for t, theta in solid:
         where = slice(None) if t.effect.scope.whole else t.joint
         every = np.arange(theta.size)
         if rest:
@@ -452,14 +494,14 @@ class EffortResponse:
         return self._along([(self._effort(row, 0.0) - rest) / STEP for row in step])
 
     def weight(self, j: int) -> FloatArray:
-        """Derivative of joint j's load at rest by its own position, of masses alone, shape (n,)."""
+        """Derivative of joint j's load at rest by its own position, shape (n,)."""
         if j not in self._weight:
-            mass = [(t, x) for t, x in self._parts if t.effect.family == "mass"]
             aside = STEP * (np.arange(self._motion.d) == j)
-            rest, moved = (self._effort(x, 0.0, parts=mass)[:, j] for x in (0.0, aside))
-            self._weight[j] = np.ascontiguousarray(
-                self._along([(moved - rest)[:, None] / STEP]).ravel()
-            )
+            rest, moved = (self._effort(x, 0.0)[:, j] for x in (0.0, aside))
+            rise = (moved - rest) / STEP
+            # a stop begins at once: between two of the picked instants it is not softer than none
+            along = np.clip(self._along([rise[:, None]]).ravel(), rise.min(), rise.max())
+            self._weight[j] = np.ascontiguousarray(along)
         return self._weight[j]
 
     def slope(self, j: int) -> FloatArray:
@@ -559,7 +601,6 @@ class EffortResponse:
         aside: FloatArray | float,
         qdd: FloatArray | float,
         qd: FloatArray | float = 0.0,
-        parts: Sequence[tuple[Term, FloatArray]] | None = None,
     ) -> FloatArray:
         """Effort in the postures, moved aside, at a speed and an acceleration; (picked, d)."""
         m, zero = self._motion, np.zeros((len(self._pick), self._motion.d))
@@ -572,7 +613,7 @@ class EffortResponse:
             response=None,
         )
         out = np.zeros_like(zero)
-        for t, theta in self._parts if parts is None else parts:
+        for t, theta in self._parts:
             where = slice(None) if t.effect.scope.whole else t.joint
             out[:, where] += t.effect.columns(posed, t.joint, t.shape) @ theta
         return out

@@ -41,7 +41,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.identify.context import carried_by, masses, references, set_context, update_load
+from hil.identify.context import bearing, carried_by, references, set_context, update_load
 from hil.identify.design import Term, by_run, prefix, stack
 from hil.identify.problem import Problem
 from hil.identify.regression import (
@@ -418,7 +418,7 @@ def through_load(
     passing = [(t, s) for t, s in zip(terms, slices, strict=True) if _passes(t)]
     size = theta.size
     some = np.zeros(size, dtype=bool)
-    for _, where in masses(terms, slices):
+    for _, where in bearing(terms, slices):
         some[where] = True
     out = np.zeros((problem.d * problem.n, size))
     if not passing or not some.any():

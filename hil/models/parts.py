@@ -86,6 +86,8 @@ Shape = Sequence[float]
 Shapes = list[tuple[float, ...]]
 #: Unusual forms, and what they must beat: an effect and its shapes.
 Others = tuple[Shapes, "Effect", Shapes]
+#: Families whose effort is set by posture and acceleration: a joint transmits it, as its load.
+SOLID = ("mass", "stiffness")
 #: Standard errors from which on a value is not chance.
 VALUE_DEVIATIONS = 2.0
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
@@ -107,7 +109,7 @@ class Trait(Flag):
     CORRECTION = auto()
     #: Stands for a robot description that is missing: tried before any named effect.
     GEOMETRY = auto()
-    #: The columns depend on `Motion.load`, hence on the model's own estimate.
+    #: The columns depend on `Motion.load`, hence on the model's own masses and springs.
     LOAD = auto()
     #: The columns depend on position, speed, acceleration and robot alone: made once.
     MOTION = auto()

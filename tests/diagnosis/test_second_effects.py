@@ -74,6 +74,21 @@ def test_the_second_effect_has_its_name_beside_one_that_is_twenty_times_as_large
     assert d.ladder[-1].heldout.relative[0] < first.heldout.relative[0] / 3
 
 
+@pytest.mark.parametrize("rest", [-0.5, 0.02])
+def test_friction_that_follows_a_spring_is_of_the_load_and_not_of_the_position(rest):
+    """A tool against a spring: what rubs is what presses, so that it vanishes where that does."""
+
+    def pressed(q, v, a):
+        pull = 25.0 * (q - rest)
+        return 0.1 * a + pull + (0.2 + 0.25 * np.abs(pull)) * sign(v) + 0.3 * v
+
+    found = {f.effect: f for f in diagnosed(pressed).findings}
+    assert set(found) == {"spring", "load-friction"}
+    assert found["load-friction"].confidence > 0.95
+    mu = found["load-friction"].parameters["j1.load-friction.mu"].value
+    assert mu == pytest.approx(0.25, rel=0.02)
+
+
 def test_a_direct_drive_that_loses_a_third_at_its_peak_saturates():
     def deep(q, v, a):
         felt = 0.5 * a + 0.2 * sign(v) + 0.1 * v

@@ -169,6 +169,8 @@ def test_refusals_say_what_is_missing():
     assert len(compensation_tables.effects(known)) == 7
     said("its fc on joint 2 are unknown", use("coulomb", 2, v0=0.02))
     said("unknown", Use("viscous"))
+    rubs = use("load-friction", 1, mu=0.1, of=1.0, i=0.0)
+    said("the load that it refers to holds spring", rubs, use("spring", 1, k=0.2, t0=0.0))
     said("temperature", use("friction-drift", 1, T=60.0, of=1.0, dc=0.01, dv=0.0))
 
 

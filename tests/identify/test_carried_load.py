@@ -1,4 +1,4 @@
-"""A load that a spring multiplies is that of the masses that are fitted, in the fit as after it."""
+"""A load that laws multiply is that of the masses and springs that are fitted, and as it is."""
 
 from __future__ import annotations
 
@@ -78,3 +78,45 @@ def test_what_a_run_does_not_show_of_a_described_link_stays_as_described() -> No
     # the inertia about the axis and the weight are seen
     assert values["Iyy"] == pytest.approx(LINK, rel=0.03)
     assert values["mz"] == pytest.approx(-WEIGHT / 9.81, rel=0.1)
+
+
+def rubbing(seed: int):
+    """An axis on a bundle of 6 N m/rad about -0.3 rad that rubs with a third of what it pulls."""
+
+    def bundle(t, q, v, a):
+        pull = 6.0 * (q + 0.3)
+        return pull + 0.33 * np.abs(pull) * np.tanh(v / 0.02)
+
+    return plants.smooth_axis(seed, 12.0, 250.0, bundle)
+
+
+@pytest.mark.parametrize("law", ["spring", "position-torque"])
+def test_friction_of_a_load_is_of_what_springs_pull_too(law: str) -> None:
+    """Whatever holds the constant: a motor's offset and a spring's own are one value."""
+    run, other = rubbing(3), rubbing(4)
+    fitted = hil.fit([run], hil.base_model(run.robot) + law + "load-friction")
+    mu = fitted.values["j1.load-friction.mu"]
+    assert fitted.values["j1.load-friction.of"].value < 2.0
+    assert mu.value == pytest.approx(0.33, rel=0.02)
+    as_it_is = fitted.model.as_it_is()
+    own, seen = (float(hil.fit([r], as_it_is).relative[0]) for r in (run, other))
+    assert own == pytest.approx(float(fitted.relative[0]), rel=0.05)
+    assert seen < 1.1 * own if law == "spring" else seen < 1.5 * own
+
+
+def test_the_load_at_rest_of_a_given_model_holds_its_springs() -> None:
+    """With the values as they are, what rubs is a share of what the spring pulls."""
+    run = rubbing(3)
+    fitted = hil.fit([run], hil.base_model(run.robot) + "spring" + "load-friction").model
+
+    def left(mu: float) -> float:
+        given = {"j1.load-friction.mu": mu, "j1.load-friction.of": 1.0, "j1.load-friction.i": 0.0}
+        values = [
+            {k: replace(v, value=given.get(k, v.value)) for k, v in use.values.items()}
+            for use in fitted.effects
+        ]
+        uses = [replace(u, values=v) for u, v in zip(fitted.effects, values, strict=True)]
+        model = replace(fitted, effects=tuple(uses)).as_it_is()
+        return float(hil.fit([run], model).relative[0])
+
+    assert left(0.33) < 0.2 * min(left(0.0), left(0.66))
