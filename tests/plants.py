@@ -851,6 +851,20 @@ def quick_axis(seed, extra=0.0, width=0.0, noise=0.02, seconds=28.0):
     return single("run", t, rows[:, 0], rows[:, 1])
 
 
+def braked_axis(seed: int, peak: float = 0.7, at: float = 9.0, seconds: float = 20.0) -> Recording:
+    """A shaft with a bearing and an eddy-current brake, whose torque is largest at a speed `at`.
+
+    tau = J q'' + Fc sgn q' + Fv q' + 2 peak x / (1 + x^2),  x = q' / at
+    """
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * 250)) / 250.0
+    w, phase = 2 * np.pi * rng.uniform(0.1, 1.2, 6), rng.uniform(0, 2 * np.pi, 6)
+    q, v, a = sines(t, w, rng.normal(0.0, 4.0, 6) / np.sqrt(w), phase)
+    x = v / at
+    tau = 0.015 * a + 0.11 * np.tanh(v / 1e-3) + 0.004 * v + 2 * peak * x / (1 + x * x)
+    tau += 0.008 * rng.normal(size=t.size)
+    return single(f"brake{seed}", t, q + 1e-5 * rng.normal(size=t.size), tau)
+
+
 def stepped_axis(seed, step, spring=0.0, sent=False, speeds=(0.05, 0.8), seconds=24.0):
     """A slow axis whose motor gets the effort u that is asked for in whole steps [N m].
 

@@ -9,7 +9,8 @@ sign of the filtered speed and s' that of a speed behind a wider filter, both as
     r ~ b (s' - s),   b > 0
 
 lowers the error then; friction that builds up after a reversal, as before sliding, has b < 0.
-No filter rounds more than the whole step: b is at most the model's friction.
+No filter rounds more than the whole step: b is at most the model's friction.  Nor does it round
+for longer than a period of its cut-off: a sign that is blunt beyond that is friction's own.
 
 Friction that a rigid-body engine computes turns early as well: its stick is a joint that creeps,
 held by an acceleration -v / T, so that with a the acceleration
@@ -50,7 +51,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -60,6 +61,7 @@ from hil.diagnosis.constants import (
     LEAD,
     LEVEL,
     OPEN,
+    RESPONSE,
     STIRRED,
     TENTH,
     UNSTIRRED,
@@ -148,7 +150,7 @@ def _best(problem: Problem, term: Term, projector: Projector, most: float) -> Bl
     rows, sigma = projector.rows(term), float(projector.sigma[j])
     r = projector.residual[rows]
     for early, other in _signs(problem, j):
-        c = _column(problem, term, other) / sigma
+        c = _column(problem, term, other, early) / sigma
         known = projector.inner(rows, c[:, None])
         new = c - projector.spanned(known)[rows][:, 0]
         along, size = float(new @ r), float(new @ new)
@@ -178,15 +180,24 @@ def _signs(problem: Problem, j: int) -> Iterator[tuple[float, list[FloatArray]]]
         yield early, signs
 
 
-def _column(problem: Problem, term: Term, other: list[FloatArray]) -> FloatArray:
-    """Difference of another sign and the model's, as the rows see it (n,)."""
-    j = term.joint
-    raw = [
-        (sharp - term.effect.columns(m, j, term.shape)[:, 0])[:, None]
-        for sharp, m in zip(other, problem.motions, strict=True)
-    ]
+def _column(problem: Problem, term: Term, other: list[FloatArray], early: float) -> FloatArray:
+    """Difference of another sign and the model's about its turns, as the rows see it (n,)."""
+    j, raw = term.joint, []
+    for sharp, m in zip(other, problem.motions, strict=True):
+        apart = sharp - term.effect.columns(m, j, term.shape)[:, 0]
+        lasts = RESPONSE / problem.rates.position + early
+        near = _turning(sharp, np.abs(m.qdd[:, j]) * lasts > m.v0[j], round(lasts / m.dt))
+        raw.append((apart * near)[:, None])
     out: FloatArray = problem.gated(raw, j)[:, 0]
     return out
+
+
+def _turning(sign: FloatArray, quick: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Instants (n,) within some of those quick ones between which a sign turns."""
+    turns = np.append(np.diff(np.sign(sign)) != 0, False)
+    turns[1:] |= turns[:-1]
+    turns &= quick
+    return np.asarray(maximum_filter1d(turns.astype(np.int8), 2 * reach + 1) > 0)
 
 
 def _sharp(problem: Problem, j: int, wider: float) -> list[FloatArray]:

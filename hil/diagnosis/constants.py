@@ -142,6 +142,10 @@ WHOLE_ORDER = 0.01
 #: that engines have by default (0.02 s and less).  Found with the test plants in sight.  Half:
 #: joints that such an engine moves are unexplained; double: more laws are excused.
 LEAD = 0.01
+#: Periods of the positions' cut-off for which their filter rounds a turn: of a step it leaves 4 %
+#: then.  A sign that takes longer to turn is blunt by itself.  Half or double: nothing known moves;
+#: four times: laws of the speed that a blunt sign stands for are called reversals.
+RESPONSE = 1.0
 #: Factor between forward and reverse regression from which a contact law is undetermined.  Half:
 #: laws of soft objects behind noise get no name; double: laws of noise get names.
 DISAGREEMENT = 1.5

@@ -46,6 +46,7 @@ from hil.diagnosis.folds import Split, levels, parts
 from hil.diagnosis.types import Candidate, CheckResult, Evidence
 from hil.identify.design import Term, head
 from hil.identify.regression import inflation
+from hil.identify.result import FitResult
 from hil.models.effect import SOLID, Trait, Waves
 
 if TYPE_CHECKING:
@@ -451,8 +452,9 @@ def _coefficients(case: Refit) -> str:
 def _scales(case: Refit) -> str:
     """A time, a width or a frequency that is less than its standard error is not determined.
 
-    Nor is the period of a wave that is longer than what the motion can show, unless next to nothing
-    is left beside it.
+    Nor is the period of a wave that is longer than what the motion can show, or a value at the end
+    of its range beside a sign that is as blunt as can be, unless next to nothing is left beside it:
+    both follow together what neither is.
     """
     result, key = case.after.result, case.rated.candidate.term.key
     term = next((t for t in result.terms if t.key == key), None)
@@ -465,9 +467,17 @@ def _scales(case: Refit) -> str:
             continue
         if v.stderr > abs(v.value):
             return f"its {p.text} is not determined"
-        if v.at_bound and isinstance(term.effect.search, Waves) and _leaves_much(case):
+        ends = isinstance(term.effect.search, Waves) or _bluntest(result, term.joint)
+        if v.at_bound and ends and _leaves_much(case):
             return f"its {p.text} is at the limit of what this motion can show"
     return ""
+
+
+def _bluntest(result: FitResult, j: int) -> bool:
+    """Whether the sign of joint j's friction turns over the widest speed that it may."""
+    signs = [t for t in result.terms if t.joint == j and Trait.DRY in t.effect.traits]
+    names = [f"{head(t.effect, j)}.{t.effect.shape[0].name}" for t in signs]
+    return any(result.values[n].at_bound for n in names if n in result.values)
 
 
 def _leaves_much(case: Refit) -> bool:

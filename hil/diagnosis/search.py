@@ -372,17 +372,21 @@ class Search(Models):
         last, before = self.now, self.rungs[-1 - corrections]
         model = remodel.uncorrected(last.result.model)
         rung = self.rung(before.step.label, model, last.result.sigma)
-        old, new = (
-            np.stack([x.errors.rms, x.step.heldout.rms])[:, self.moves] for x in (before, rung)
-        )
-        lower = bool(np.any(new[0] < (1 - WORTH) * old[0]) and np.all(new < (1 + WORTH / 2) * old))
-        if not lower:
+        if not self._lower(rung, before):
             renew(last.result)
             return False
         rung.added = before.added
         self.rungs[-1 - corrections :] = [rung]
         self.forget()
         return True
+
+    def _lower(self, rung: Visited, before: Visited) -> bool:
+        """Whether a fit's left-out error is clearly lower on a joint, and higher on none."""
+        old, new = (
+            np.stack([x.errors.rms, x.step.heldout.rms])[:, self.moves] for x in (before, rung)
+        )
+        clear = np.any(new[0] < (1 - WORTH) * old[0])
+        return bool(clear and np.all(new < (1 + WORTH / 2) * old))
 
     def alike(self, joints: Sequence[int]) -> dict[int, tuple[str, ...]]:
         """Laws that do as much as all corrections of a joint, by joint, the simplest first.
@@ -460,9 +464,30 @@ class Search(Models):
             picks = self._picks(rated, evidence, left)
             left = [j for j in left if any(p.joint == j for p in picks)]
             if picks:
-                names = list(self.found)
+                names, before = list(self.found), self.now
                 self._added(picks, left)
                 self.found = names
+                if self.now is not before:
+                    self._sharpened()
+
+    def _sharpened(self) -> None:
+        """Signs of the joints that got a correction as sharp as before, where that does better.
+
+        A blunt one may have stood for what the correction follows, and holds it back now.
+        """
+        now, least = self.now, self.problem.least
+        joints = {c.joint for c in now.added}
+        blunt = {key: least.pop(key) for key in list(least) if key[1] in joints}
+        if not blunt:
+            return
+        rung = self.rung(now.step.label, now.result.model, now.result.sigma)
+        if not self._lower(rung, now):
+            least.update(blunt)
+            renew(now.result)
+            return
+        rung.added = now.added
+        self.rungs[-1] = rung
+        self.forget()
 
     def _picks(self, rated: list[Rated], evidence: Evidence, joints: Sequence[int]) -> list[Rated]:
         """The best candidate of each joint, or one of the whole robot that does more alone."""

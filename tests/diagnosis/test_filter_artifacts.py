@@ -56,6 +56,28 @@ def test_smooth_friction_leaves_nothing_to_blur():
     assert artefacts.BLURRED not in [code for code, _ in d.warnings]
 
 
+@pytest.mark.parametrize("seed", plants.seeds(1, 2, 6))
+def test_a_law_that_a_blunt_sign_stands_for_is_no_filter(seed):
+    """No filter blunts a sign over several rad/s, and no Stribeck begins at the width of such one.
+
+    What is left beside it follows the speed.
+    """
+    d = diagnosed(plants.braked_axis(seed))
+    assert d.verdict == "unexplained" and not d.findings
+    assert artefacts.BLURRED not in [code for code, _ in d.warnings]
+    assert "at reversals" not in report_text.headline(from_diagnosis(d))
+    assert [c.effect for c in d.corrections] == ["correction-speed"]
+    assert d.ladder[-1].heldout.rms[0] < 1.1 * d.noise[0]
+
+
+def test_a_sign_is_sharp_again_beside_the_correction_that_it_stood_for():
+    d = diagnosed(plants.braked_axis(18))
+    before, after = (r.values["j1.coulomb.v0"] for r in (d.explained.result, d.ladder[-1].result))
+    assert before.at_bound and before.value > 1.0
+    assert after.value < 0.1
+    assert d.ladder[-1].result.values["j1.coulomb.fc"].value == pytest.approx(0.11, rel=0.1)
+
+
 def test_a_real_effect_beside_blurred_reversals_keeps_its_name():
     d = diagnosed(plants.quick_axis(1, extra=0.15))
     assert [f.effect for f in d.findings] == ["stribeck"]
