@@ -88,7 +88,11 @@ def test_a_limit_that_is_not_reached_is_not_named() -> None:
 
 @pytest.mark.parametrize(
     ("j", "k", "share"),
-    [(0, 1, 0.08), (1, 2, -0.1), pytest.param(2, 1, 0.05, marks=pytest.mark.slow)],
+    [
+        (0, 1, 0.08),
+        pytest.param(1, 2, -0.1, marks=pytest.mark.slow),
+        pytest.param(2, 1, 0.05, marks=pytest.mark.slow),
+    ],
 )
 def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: float) -> None:
     def leaks(seed: int):

@@ -43,6 +43,7 @@ def test_a_later_effect_on_the_joint_may_change_the_name_of_the_first():
     assert set(found) == {"end-stop", "stribeck"}
 
 
+@pytest.mark.slow
 def test_a_scale_on_the_edge_is_a_name_where_next_to_nothing_is_left():
     wobble = Hidden("encoder-eccentricity", 0, 5.0)
     assert set(named(wobble, noise="white", excitation="repeated", seed=0)) == {wobble.effect}
@@ -112,6 +113,7 @@ def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
     assert not refused(one, motion, 0, (), values, errors)
 
 
+@pytest.mark.slow
 def test_a_round_of_the_fit_that_a_bound_denies_is_taken_back() -> None:
     """Without the bounds a smaller exponent leaves less, beside a friction below zero."""
     bend = Hidden("sublinear-viscous", 2, 5.0)

@@ -36,7 +36,7 @@ def values(d: Diagnosis) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("d", "link"),
     [
-        (2, 2),
+        pytest.param(2, 2, marks=pytest.mark.slow),
         pytest.param(3, 3, marks=pytest.mark.slow),
         (3, 2),
         pytest.param(4, 4, marks=pytest.mark.slow),
@@ -181,7 +181,7 @@ def test_two_runs_alike_have_no_payload(seed: int) -> None:
     assert answer.verdict == "adequate"
 
 
-@pytest.mark.parametrize("fixed", [False, True])
+@pytest.mark.parametrize("fixed", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("wrong", plants.seeds(1, 2))
 def test_a_description_that_is_a_bit_wrong_is_no_payload(wrong: int, fixed: bool) -> None:
     """Masses, centres and inertias of all links are wrong by 5 %; fitted, or kept as they are."""
@@ -210,7 +210,11 @@ def test_a_model_with_a_mass_at_the_tip_still_reads(tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "amplitude"),
-    [("planar2", 5.0), pytest.param("elbow3", 5.0, marks=pytest.mark.slow), ("elbow3", 0.0)],
+    [
+        pytest.param("planar2", 5.0, marks=pytest.mark.slow),
+        pytest.param("elbow3", 5.0, marks=pytest.mark.slow),
+        ("elbow3", 0.0),
+    ],
 )
 def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude: float) -> None:
     """Its description is wrong by up to a fifth, which is no payload."""

@@ -24,7 +24,11 @@ def _rubber(q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("law", "ends"), [(_cushions, (-0.3, 0.4)), (_rubber, (-0.7, 0.9))], ids=["cushions", "rubber"]
+    ("law", "ends"),
+    [
+        pytest.param(_cushions, (-0.3, 0.4), marks=pytest.mark.slow, id="cushions"),
+        pytest.param(_rubber, (-0.7, 0.9), id="rubber"),
+    ],
 )
 def test_stops_at_both_ends_are_one_effect(law: Law, ends: tuple[float, float]) -> None:
     train, other = (plants.smooth_axis(k, extra=lambda t, q, v, a: law(q)) for k in (3, 4))

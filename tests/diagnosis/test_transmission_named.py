@@ -65,7 +65,11 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
 
 
 @pytest.mark.parametrize(
-    ("seed", "gravity", "frequency"), [(1, 1.0, 4.0), (3, 0.6, 2.5)], ids=["faster", "slower"]
+    ("seed", "gravity", "frequency"),
+    [
+        pytest.param(1, 1.0, 4.0, marks=pytest.mark.slow, id="faster"),
+        pytest.param(3, 0.6, 2.5, id="slower"),
+    ],
 )
 def test_a_weight_behind_a_soft_spring_leaves_the_spring_in_the_race(
     seed: int, gravity: float, frequency: float
@@ -110,7 +114,13 @@ def test_a_short_lag_may_be_a_delay_and_a_longer_one_is_none() -> None:
     assert found.effect == "actuator-lag" and found.confidence > 0.9
 
 
-@pytest.mark.parametrize(("frequency", "harden"), [(15.0, 3.0), (6.0, 3.0)], ids=["stiff", "soft"])
+@pytest.mark.parametrize(
+    ("frequency", "harden"),
+    [
+        pytest.param(15.0, 3.0, id="stiff"),
+        pytest.param(6.0, 3.0, marks=pytest.mark.slow, id="soft"),
+    ],
+)
 def test_a_cable_that_stiffens_is_named_and_its_stretch_is_found(
     frequency: float, harden: float
 ) -> None:

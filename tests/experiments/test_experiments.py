@@ -38,6 +38,7 @@ def short(monkeypatch):
     monkeypatch.setattr(manual_excitation, "_JUDGED", 10.0)
 
 
+@pytest.mark.slow
 def test_manual_excitation_says_what_is_not_identifiable(capsys, monkeypatch, short):
     on_the_rig = partial(manual_excitation.on_the_rig, seconds=10.0)
     monkeypatch.setattr(manual_excitation, "on_the_rig", on_the_rig)

@@ -304,24 +304,21 @@ def test_what_a_diagnosis_recommends_outlives_its_process(tmp_path):
     assert note == ["it is of the diagnosis of 'base model'"]
 
 
-@pytest.mark.parametrize(
-    ("verb", "given", "sentence"),
-    [
-        ("report", {"path": "nowhere/r.html"}, "report did not reach .*nowhere.*No such file"),
-        ("export", {"kind": "mjcf", "path": "nowhere/a.xml"}, "folder nowhere does not exist"),
-        ("save", {"path": "folder.toml"}, "folder.toml: it is a folder; name a file in it"),
-        ("save", {"path": "latin.toml"}, "a file is there that is not a model file"),
-        ("save", {"path": "x" * 300 + ".toml"}, "save did not reach .*too long"),
-        ("save", {"path": "a\0.toml"}, "ValueError.*The models stay"),
-    ],
+IMPOSSIBLE = (
+    ("report", {"path": "nowhere/r.html"}, "report did not reach .*nowhere.*No such file"),
+    ("export", {"kind": "mjcf", "path": "nowhere/a.xml"}, "folder nowhere does not exist"),
+    ("save", {"path": "folder.toml"}, "folder.toml: it is a folder; name a file in it"),
+    ("save", {"path": "latin.toml"}, "a file is there that is not a model file"),
+    ("save", {"path": "x" * 300 + ".toml"}, "save did not reach .*too long"),
+    ("save", {"path": "a\0.toml"}, "ValueError.*The models stay"),
 )
-def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(
-    tmp_path, monkeypatch, verb, given, sentence
-):
+
+
+def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "latin.toml").write_bytes(b"# \xe9\n")
-    asked = [("start", {}), (verb, given), ("undo", {})]
+    asked = [("start", {}), *((verb, given) for verb, given, _ in IMPOSSIBLE), ("undo", {})]
     answers = []
 
     class Both:
@@ -330,9 +327,11 @@ def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(
 
     monkeypatch.setattr(worker_module, "with_its_parent", lambda: None)
     worker_module._serve(Both(), BenchState(inputs()))
-    data, error, _ = [a for a in answers if isinstance(a, tuple)][1]
-    assert data is None and re.search(sentence, error), error
-    assert answers[-1][0]["ladder"] and not answers[-1][1]
+    first, *refused, last = [a for a in answers if isinstance(a, tuple)]
+    assert not first[1] and len(refused) == len(IMPOSSIBLE)
+    for (data, error, _), (verb, _, sentence) in zip(refused, IMPOSSIBLE, strict=True):
+        assert data is None and re.search(sentence, error), (verb, error)
+    assert last[0]["ladder"] and not last[1]
 
 
 def test_requests_are_checked_before_they_reach_the_bench():
