@@ -143,8 +143,16 @@ ZETAS = (0.1, 0.3)
 MORE_ZETAS = (*ZETAS, 0.02, 0.005, 0.05, 0.15, 0.5, 0.8)
 #: Damping ratio from which on a mass on a spring loses five sixths of its swing at each one.
 SWINGING = 0.5
-#: Lowest resonance tried [Hz], and the step to the next in half-power widths 2 zeta f.
-LOWEST, STEP = 2.0, 1.75
+#: Resonance at which the grid begins, to both sides [Hz], and its step in half-power widths.
+MIDDLE, STEP = 2.0, 1.75
+#: Periods of the lowest resonance tried in a run, as of a disturbance; what swings less often is a
+#: spring or a drift.  Double: the slosh of a run of a few swings goes unnamed; half: springs swing.
+SEEN = 4.0
+
+
+def lowest(motion: Motion) -> float:
+    """Lowest resonance worth trying [Hz]: several of its periods must fit into the run."""
+    return min(SEEN / max(float(motion.since[-1]), SEEN * motion.dt), MIDDLE)
 
 
 def highest(motion: Motion) -> float:
@@ -152,19 +160,23 @@ def highest(motion: Motion) -> float:
 
     That is well above the effort filter; what is faster looks like a delay or an inertia.
     """
-    return max(0.125 / motion.dt, 1.5 * LOWEST)
+    return max(0.125 / motion.dt, 1.5 * MIDDLE)
 
 
 def frequencies(motion: Motion, zeta: float) -> list[float]:
-    """Resonances worth trying [Hz], so close that one of them lies on the flank of any other."""
-    low, high = LOWEST, highest(motion)
-    count = 1 + int(np.ceil(np.log(high / low) / np.log(1 + 2 * zeta * STEP)))
-    return [float(f) for f in np.geomspace(low, high, count)]
+    """Resonances worth trying [Hz], so close that one of them lies on the flank of any other.
+
+    A longer run has slower ones, and the same fast ones.
+    """
+    low, high, step = lowest(motion), highest(motion), np.log(1 + 2 * zeta * STEP)
+    down, up = (int(np.ceil(np.log(x) / step)) for x in (MIDDLE / low, high / MIDDLE))
+    below = np.geomspace(low, MIDDLE, 1 + down)[:-1]
+    return [float(f) for f in (*below, *np.geomspace(MIDDLE, high, 1 + up))]
 
 
 def inside(motion: Motion, f: float) -> bool:
     """Whether a resonance lies within the band; one at its end stands for something else."""
-    return f < 0.95 * highest(motion)
+    return 1.05 * lowest(motion) < f < 0.95 * highest(motion)
 
 
 #: How far beyond the effort filter's cut-off a mode still shows its flank.  Half: modes of the
@@ -464,7 +476,7 @@ RUB = 0.1
 
 def _hardening_cable_grid(motion: Motion, j: int) -> Shapes:
     """Resonances over the lower half of the band, three tensions, some damping."""
-    low, high = LOWEST, max(0.5 * highest(motion), 1.5 * LOWEST)
+    low, high = MIDDLE, max(0.5 * highest(motion), 1.5 * MIDDLE)
     size = load_size(motion, j)
     out: Shapes = []
     for t, step in TENSIONS.items():

@@ -8,8 +8,10 @@ import numpy as np
 import plants
 import pytest
 import scipy.integrate
+import scipy.signal
 
 from hil.diagnosis.engine import diagnose
+from hil.diagnosis.verbs import add
 from hil.models.kernels import lag, softened, sprung
 from hil.models.model import base_model
 from hil.record.recording import Recording
@@ -94,6 +96,55 @@ def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode() -> None:
     assert found["a"] * found["fl"] == pytest.approx(rub, rel=0.3)
     first, last = (d.ladder[k].heldout.relative[0] for k in (0, -1))
     assert last < 0.25 * first
+
+
+def sloshing_axis(seed: int, frequency: float, zeta: float, mass: float = 0.05) -> Recording:
+    """Half a minute of an axis that carries a swinging mass, cut from the middle of its motion."""
+
+    def carried(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        w = 2 * np.pi * frequency
+        mode = scipy.signal.lti([2 * zeta * w, w * w], [1.0, 2 * zeta * w, w * w])
+        return mass * scipy.signal.lsim(mode, a, t)[1]
+
+    whole = plants.smooth_axis(seed, seconds=60.0, rate=200.0, extra=carried)
+    late = whole.t >= 30.0
+    return plants.single(
+        f"tank{seed}",
+        whole.t[late] - 30.0,
+        whole.q[late, 0],
+        whole.tau[late, 0],
+        robot=plants.SINGLE,
+    )
+
+
+@pytest.mark.parametrize(("frequency", "zeta"), [(0.4, 0.05), (0.9, 0.01)])
+def test_a_mass_that_swings_slower_than_the_motion_is_found(frequency: float, zeta: float) -> None:
+    """A dozen of its swings fit into the run."""
+    run = sloshing_axis(2, frequency, zeta)
+    d = diagnose([run], base_model(run.robot))
+    first = d.findings[0]
+    assert {first.effect, *first.rivals} <= {"elastic-transmission", "vibration-mode"}
+    after = add([run], base_model(run.robot), "vibration-mode")[1].step
+    values = {n.split(".")[-1]: v.value for n, v in after.result.values.items()}
+    assert values["f"] == pytest.approx(frequency, rel=0.03)
+    assert values["m"] == pytest.approx(0.05, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect"),
+    [
+        (lambda t, q, v, a: 0.1 * q, "spring"),
+        (lambda t, q, v, a: 0.15 * (1 - np.exp(-t / 15)) * np.tanh(v / 0.02), "friction-drift"),
+        (lambda t, q, v, a: 0.1 * (1 - np.exp(-t / 15)), "offset-drift"),
+    ],
+    ids=["spring", "friction-drift", "offset-drift"],
+)
+def test_what_is_slow_does_not_swing(hidden, effect: str) -> None:
+    """A mode below the motion is a spring, and one that hardly swings a drift."""
+    run = plants.smooth_axis(2, rate=200.0, extra=hidden)
+    d = diagnose([run], base_model(run.robot))
+    assert d.findings[0].effect == effect
+    assert not {f.effect for f in d.findings} & {"elastic-transmission", "vibration-mode"}
 
 
 def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
