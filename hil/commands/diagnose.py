@@ -23,7 +23,7 @@ from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Rung, rising
-from hil.diagnosis.verdict import NO_GEOMETRY, lateness, only_there
+from hil.diagnosis.verdict import NO_GEOMETRY, lateness, not_white, only_there
 from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
@@ -394,7 +394,8 @@ def verdict(d: Diagnosis) -> str:
         error = d.ladder[-1].heldout.rms / d.noise
         ratio = dict(zip(d.result.problem.joints, error.tolist(), strict=True))
         blurred = blurred_above(d.warnings, ratio)
-        return f"adequate: {explains(blurred, 'the model', max(ratio.values()))}"
+        most = max(ratio.values())
+        return f"adequate: {explains(blurred, 'the model', most, not_white(d.warnings))}"
     if d.verdict == "ambiguous" and of_geometry(d.findings):
         said = headline(from_diagnosis(d, simulated=False))
         return f"ambiguous: {said[0].lower()}{said[1:]}"

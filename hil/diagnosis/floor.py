@@ -45,6 +45,8 @@ from hil.models.expansions import PLACE, SPEED, dictionary, input_sets
 from hil.models.motion import Motion
 
 FloatArray = NDArray[np.float64]
+#: Name of the way in which a floor is measured where the motion repeats itself.
+REPEATS = "repeats"
 #: Columns of which less than this is new do not count.
 RANK = 1e-6
 #: Times that normal equations are solved, from the second on for what is left.
@@ -285,7 +287,7 @@ def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     """
     residual, factor, scale, predicted = largest_model(result, extra)
     repeats = repeat_floor(result)
-    rms, method = (predicted, "largest-model") if repeats is None else (repeats, "repeats")
+    rms, method = (predicted, "largest-model") if repeats is None else (repeats, REPEATS)
     size = result.problem.rms(result.problem.effort)
     rms = np.where(result.problem.holds, result.rms, np.hypot(rms, known_to(result) * size))
     # where no effort is recorded nothing is known of it

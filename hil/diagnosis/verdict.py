@@ -8,6 +8,7 @@ does, is not adequate.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import BEATEN, NEAR_FLOOR, TENTH, WHOLE, WORTH
+from hil.diagnosis.constants import BEATEN, HALF, NEAR_FLOOR, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
-from hil.diagnosis.floor import explainable, foretold, hidden, practical
+from hil.diagnosis.floor import REPEATS, explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, unlike_notes
@@ -313,37 +314,54 @@ def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
     if not much.size:
         return []
     each = ", ".join(f"{share[j]:.0f} % on {problem.joints[j]}" for j in much.tolist())
-    cause = _of_outside(out, much)
-    return [
-        (
-            HIGH_FLOOR,
-            f"the noise floor itself is a large part of the effort: {each}. Its cause does not "
-            f"follow from the recorded motion: {f'{cause}?' if cause else _OF_ANYTHING}",
-        )
-    ]
+    tried = "No effect of the catalogue explains it"
+    if out.last.floor.method == REPEATS:
+        tried = "It is what differs between repetitions of the motion"
+    elif all(best.get(problem.joints[j], 0.0) < WORTH for j in much.tolist()):
+        tried += ", nor does a function of positions and speeds that was tried"
+    lead = f"the noise floor itself is a large part of the effort: {each}"
+    return [(HIGH_FLOOR, f"{lead}. {tried}. {_made_of(out, much)}")]
 
 
 #: What a high floor may come of where nothing is ruled out.
-_OF_ANYTHING = "a disturbance, a push, a poor sensor, a motion that hardly needs effort"
+_OF_ANYTHING = (
+    "It may be a disturbance, a push, a poor sensor, a motion that hardly needs effort, or an "
+    "effect that is in no catalogue"
+)
+#: Words of a floor that is mostly no white noise of the efforts.
+NOT_WHITE = "White noise of the efforts is at most"
 
 
-def _of_outside(out: Diagnosis, joints: NDArray[np.int_]) -> str:
-    """What makes the floor of some joints where their sensors do not; empty where they may.
+def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> str:
+    """What may make the floor of some joints, by how much of it white noise of the efforts makes.
 
-    The white noise of the efforts must be less than a tenth of the floor, hence a hundredth of its
-    power, in the band of the fit, and no force from outside was measured.
+    Less than half of its power in the band of the fit: something else does.  Less than a tenth of
+    its size, hence a hundredth of its power: no sensor.  A force from outside that was measured has
+    noise of its own.
     """
     problem = out.ladder[-1].result.problem
     if any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings):
-        return ""
+        return _OF_ANYTHING
     noise = [effort_noise(r, problem.rates.effort) for r in problem.recordings]
     part = float(np.max((np.sqrt(np.mean(np.square(noise), axis=0)) / out.noise)[joints]))
+    if part**2 > HALF:
+        return _OF_ANYTHING
+    white = f"{NOT_WHITE} {100 * part:.2g} % of that floor"
     if part > TENTH:
-        return ""
+        return (
+            f"{white}. The rest may be a disturbance, a push, a poor sensor, or an effect that is "
+            "in no catalogue"
+        )
     return (
-        f"white noise of the efforts is at most {100 * part:.2g} % of that floor. Did a force act "
-        "from outside that was not measured (a hand, a wearer, a cable)"
+        f"{white}. Is an effect missing that is in no catalogue, or did a force act from outside "
+        "that was not measured (a hand, a wearer, a cable)?"
     )
+
+
+def not_white(warnings: Sequence[tuple[str, str]]) -> str:
+    """How large noise floors are that are mostly no noise of the efforts; empty where none is."""
+    texts = [text for code, text in warnings if code == HIGH_FLOOR and NOT_WHITE in text]
+    return texts[0].split(". ")[0] if texts else ""
 
 
 def _with_unlike(out: Diagnosis) -> None:

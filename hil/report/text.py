@@ -37,6 +37,7 @@ from hil.diagnosis.verdict import (
     OF_GEOMETRY,
     REFUSED,
     matters,
+    not_white,
     only_there,
 )
 from hil.errors import ConfigError
@@ -315,7 +316,8 @@ def headline(m: Material) -> str:
     if m.verdict == "adequate":
         errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
         most = max(errors.values())
-        return f"The model is adequate: {explains(blurred_above(m.warnings, errors), 'it', most)}"
+        said = explains(blurred_above(m.warnings, errors), "it", most, not_white(m.warnings))
+        return f"The model is adequate: {said}"
     if m.verdict == "unexplained" and _undescribed(m):
         return UNDESCRIBED
     if m.verdict == "unexplained":
@@ -387,7 +389,7 @@ def _undescribed(m: Material) -> bool:
     return undescribed(m.verdict, m.warnings, m.corrections) and not m.partial
 
 
-def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
+def explains(blurred: bool, model: str, ratio: float = 1.0, floor: str = "") -> str:
     """What an adequate model explains, whether or not something leaves an error above its floor.
 
     Parameters
@@ -398,7 +400,15 @@ def explains(blurred: bool, model: str, ratio: float = 1.0) -> str:
         What to call the model.
     ratio : float
         Largest error of a joint over its noise floor.
+    floor : str
+        What is said of a noise floor that no noise of the efforts makes; empty where one does.
     """
+    if floor:
+        over = f"an error of up to {ratio:.2f} times the noise floor" if ratio > ADEQUATE else ""
+        return (
+            f"{model} leaves {over or 'an error at the noise floor'}, but {floor}. That nothing is "
+            "missing does not follow: white noise of the efforts makes less than half of its power."
+        )
     if blurred:
         return (
             "the error above the noise floor is a filter artifact at reversals, not a missing "

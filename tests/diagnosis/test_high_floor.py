@@ -10,8 +10,11 @@ import pytest
 import scipy.signal
 
 import hil
+from hil.commands.diagnose import verdict
 from hil.diagnosis.verdict import HIGH_FLOOR
 from hil.record.recording import Recording
+from hil.report.data import from_diagnosis
+from hil.report.text import headline
 
 
 def leant_on(noise: float, hand: float) -> Recording:
@@ -45,3 +48,25 @@ def test_what_no_noise_of_the_sensor_makes_may_be_a_hand():
 def test_beside_a_poor_sensor_nothing_is_suspected(hand):
     told = said(leant_on(1.5, hand))
     assert "a poor sensor" in told and "wearer" not in told
+
+
+def test_a_floor_that_no_noise_makes_stands_in_the_verdict():
+    """It stays adequate, and the verdict says what that is worth; of causes, what was tried."""
+
+    def wanders(t, q, v, a):
+        white = np.random.default_rng(5).normal(size=t.size)
+        return 0.3 * scipy.signal.lfilter([0.2], [1.0, -0.98], white)
+
+    run = plants.smooth_axis(2, rate=200.0, extra=wanders)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    told = " ".join(text for code, text in d.warnings if code == HIGH_FLOOR)
+    assert "that was tried" in told and "recorded motion" not in told
+    assert d.verdict == "adequate"
+    for sentence in (headline(from_diagnosis(d)), verdict(d)):
+        assert "% on joint1" in sentence and "does not follow" in sentence
+
+
+def test_a_floor_that_a_poor_sensor_makes_is_no_doubt():
+    run = leant_on(1.5, 0.0)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert d.verdict == "adequate" and "does not follow" not in verdict(d)
