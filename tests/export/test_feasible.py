@@ -9,7 +9,8 @@ from plants import spatial_urdf
 
 from hil.errors import ConfigError
 from hil.export.content import Vocabulary
-from hil.export.target import Job, get, infeasible, nearest, within
+from hil.export.target import Job, get, within
+from hil.models.bodies import infeasible, nearest_feasible
 from hil.models.model import RobotModel, Use, Value
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
@@ -38,7 +39,7 @@ def test_what_the_efforts_leave_free_is_made_feasible():
     free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :]
     shifted = robot.prior + 5.0 * free.sum(axis=0)
     assert infeasible(shifted.reshape(-1, 10))
-    found = nearest(shifted.reshape(-1, 10), robot.prior.reshape(-1, 10), rows)
+    found = nearest_feasible(shifted.reshape(-1, 10), robot.prior.reshape(-1, 10), rows)
     assert found.same and not infeasible(found.bodies)
     np.testing.assert_allclose(rows @ found.bodies.reshape(-1), rows @ shifted, atol=1e-6)
 
@@ -49,7 +50,7 @@ def test_the_nearest_is_better_than_the_description():
     wanted = robot.prior.reshape(-1, 10).copy()
     wanted[:, 1:4] *= 1.05
     wanted[2, 4:] *= -0.5
-    found = nearest(wanted, robot.prior.reshape(-1, 10), rows)
+    found = nearest_feasible(wanted, robot.prior.reshape(-1, 10), rows)
     back = np.linalg.norm(rows @ (robot.prior - wanted.reshape(-1)))
     assert not infeasible(found.bodies) and not found.same
     assert found.change < 0.9 * back / np.linalg.norm(rows @ wanted.reshape(-1))
