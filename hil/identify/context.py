@@ -93,7 +93,7 @@ def set_context(problem: Problem, terms: Sequence[Term]) -> None:
 def update_load(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> None:
-    """Transmitted load = effort of masses and springs less external effort; its part at rest."""
+    """Transmitted load = rigid-body effort less external effort; what masses and springs hold."""
     loads, still = _loads(problem, terms, theta, slices)
     problem.set_context(load=np.concatenate(loads), static=np.concatenate(still))
     motions = _responding(problem.motions, terms, theta, slices)
@@ -369,10 +369,14 @@ def bearing(terms: Sequence[Term], slices: Sequence[slice]) -> list[tuple[Term, 
 def _loads(
     problem: Problem, terms: list[Term], theta: FloatArray, slices: list[slice]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Transmitted load and its part at rest (n, d), run by run."""
+    """Transmitted load, and what masses and springs hold at rest (n, d), run by run.
+
+    A spring beside a law of what lies behind the motor may be on either side of it.
+    """
     solid = [(t, theta[where]) for t, where in bearing(terms, slices)]
+    mass = [(t, own) for t, own in solid if t.effect.family == "mass"]
     solid += _alike(problem, [t for t, _ in solid], terms, theta, slices)
-    moving, still = (_carried(problem, solid, rest) for rest in (False, True))
+    moving, still = _carried(problem, mass, False), _carried(problem, solid, True)
     return [x - m.tau_ext for x, m in zip(moving, problem.motions, strict=True)], still
 
 
@@ -494,14 +498,14 @@ class EffortResponse:
         return self._along([(self._effort(row, 0.0) - rest) / STEP for row in step])
 
     def weight(self, j: int) -> FloatArray:
-        """Derivative of joint j's load at rest by its own position, shape (n,)."""
+        """Derivative of joint j's load at rest by its own position, of masses alone, shape (n,)."""
         if j not in self._weight:
+            mass = [(t, x) for t, x in self._parts if t.effect.family == "mass"]
             aside = STEP * (np.arange(self._motion.d) == j)
-            rest, moved = (self._effort(x, 0.0)[:, j] for x in (0.0, aside))
-            rise = (moved - rest) / STEP
-            # a stop begins at once: between two of the picked instants it is not softer than none
-            along = np.clip(self._along([rise[:, None]]).ravel(), rise.min(), rise.max())
-            self._weight[j] = np.ascontiguousarray(along)
+            rest, moved = (self._effort(x, 0.0, parts=mass)[:, j] for x in (0.0, aside))
+            self._weight[j] = np.ascontiguousarray(
+                self._along([(moved - rest)[:, None] / STEP]).ravel()
+            )
         return self._weight[j]
 
     def slope(self, j: int) -> FloatArray:
@@ -601,6 +605,7 @@ class EffortResponse:
         aside: FloatArray | float,
         qdd: FloatArray | float,
         qd: FloatArray | float = 0.0,
+        parts: Sequence[tuple[Term, FloatArray]] | None = None,
     ) -> FloatArray:
         """Effort in the postures, moved aside, at a speed and an acceleration; (picked, d)."""
         m, zero = self._motion, np.zeros((len(self._pick), self._motion.d))
@@ -613,7 +618,7 @@ class EffortResponse:
             response=None,
         )
         out = np.zeros_like(zero)
-        for t, theta in self._parts:
+        for t, theta in self._parts if parts is None else parts:
             where = slice(None) if t.effect.scope.whole else t.joint
             out[:, where] += t.effect.columns(posed, t.joint, t.shape) @ theta
         return out

@@ -25,7 +25,7 @@ class Response(Protocol):
         """Derivative of tau_i by q_j at rest, shape (n, d, d)."""
 
     def weight(self, j: int) -> FloatArray:
-        """Derivative of joint j's load at rest by its own position, shape (n,)."""
+        """Derivative of joint j's load at rest by its own position, of masses alone, shape (n,)."""
 
     def slope(self, j: int) -> FloatArray:
         """Derivative of tau_i by q_j along the motion, with its speeds, shape (n, d)."""
@@ -64,10 +64,11 @@ class Motion:
     tau_ext : ndarray (n, d)
         External effort ON the robot [N m or N]; zeros where there is none.
     load : ndarray (n, d)
-        Effort that the joint transmits (masses and springs less external) under the current model;
+        Effort that the joint transmits (rigid body less external) under the current model;
         without the rotor's inertia, which lies before the transmission, where that is known apart.
     static : ndarray (n, d)
-        The part of the load that stays when the motion stops: gravity and springs.
+        What stays when the motion stops: gravity and springs, and an offset that no motion tells
+        from a spring's own constant.
     v0 : ndarray (d,)
         Speed over which the sign of the velocity is resolved [rad/s or m/s].
     resolution : ndarray (d,)

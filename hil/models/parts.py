@@ -86,7 +86,7 @@ Shape = Sequence[float]
 Shapes = list[tuple[float, ...]]
 #: Unusual forms, and what they must beat: an effect and its shapes.
 Others = tuple[Shapes, "Effect", Shapes]
-#: Families whose effort is set by posture and acceleration: a joint transmits it, as its load.
+#: Families whose effort is set by posture and acceleration.
 SOLID = ("mass", "stiffness")
 #: Standard errors from which on a value is not chance.
 VALUE_DEVIATIONS = 2.0
@@ -109,7 +109,7 @@ class Trait(Flag):
     CORRECTION = auto()
     #: Stands for a robot description that is missing: tried before any named effect.
     GEOMETRY = auto()
-    #: The columns depend on `Motion.load`, hence on the model's own masses and springs.
+    #: The columns depend on `Motion.load`, hence on the model's own masses, and springs at rest.
     LOAD = auto()
     #: The columns depend on position, speed, acceleration and robot alone: made once.
     MOTION = auto()

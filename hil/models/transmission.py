@@ -1,6 +1,6 @@
 """What lies between motor and link, seen from the motor's encoder alone.
 
-With the load tau_l that a rigid joint would transmit (masses and springs less external effort), a
+With the load tau_l that a rigid joint would transmit (rigid body less external effort), a
 spring of stiffness k and a link of inertia M behind it, w^2 = k / M, give
 
     tau_l(elastic) = H(s) tau_l,    H = w^2 / (s^2 + 2 zeta w s + w^2):
@@ -116,7 +116,7 @@ def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
 
 
 def link_weight(motion: Motion, j: int) -> FloatArray:
-    """By how much the load at rest grows with the link's own position (n,)."""
+    """By how much the weight of the link grows with the link's own position (n,)."""
     if motion.response is None:
         return np.zeros(motion.n)
     return motion.response.weight(j)
@@ -130,7 +130,7 @@ def rotors(motion: Motion, j: int, own: float) -> list[float]:
     if motion.response is None:
         return []
     link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
-    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.static[:, j])
+    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.response.weight(j))
     return [x for x in motor_inertias(motion, j, own) if told and x < np.min(link)]
 
 
@@ -290,7 +290,7 @@ def _elastic_transmission_carries(f: Fitted) -> bool:
 
 def _free(motion: Motion) -> bool:
     """One axis without gravity or contact: the load is inertia alone."""
-    return motion.d == 1 and not np.any(motion.static) and not np.any(motion.tau_ext)
+    return motion.d == 1 and not np.any(link_weight(motion, 0)) and not np.any(motion.tau_ext)
 
 
 class ElasticTransmission(_Resonance):
