@@ -143,7 +143,8 @@ ZETAS = (0.1, 0.3)
 MORE_ZETAS = (*ZETAS, 0.02, 0.005, 0.05, 0.15, 0.5, 0.8)
 #: Damping ratio from which on a mass on a spring loses five sixths of its swing at each one.
 SWINGING = 0.5
-#: Resonance at which the grid begins, to both sides [Hz], and its step in half-power widths.
+#: Resonance at which the grid begins, to both sides [Hz], and its step in half-power widths; a
+#: transmission's are above.
 MIDDLE, STEP = 2.0, 1.75
 #: Periods of the lowest resonance tried in a run, as of a disturbance; what swings less often is a
 #: spring or a drift.  Double: the slosh of a run of a few swings goes unnamed; half: springs swing.
@@ -255,8 +256,12 @@ class _Resonance(Effect):
 
 
 def _elastic_transmission_grid(motion: Motion, j: int) -> Shapes:
-    """Resonances and damping ratios, without friction of the link."""
-    return [(stiffness(motion, j, f), z, 0.0, 0.0) for f, z in _resonance_grid(motion, j)]
+    """Resonances and damping ratios, without friction of the link.
+
+    A link that swings slower hardly follows its motor: its spring is one against what stands.
+    """
+    shapes = [(f, z) for f, z in _resonance_grid(motion, j) if f >= MIDDLE]
+    return [(stiffness(motion, j, f), z, 0.0, 0.0) for f, z in shapes]
 
 
 def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
