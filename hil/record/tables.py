@@ -27,7 +27,7 @@ from hil.record.column_checks import (
     unwrapped,
     whole_rows,
 )
-from hil.record.guess import unit_named
+from hil.record.guess import quantity, unit_named
 from hil.record.locked import (
     ColumnsRobot,
     columns_robot,
@@ -41,7 +41,7 @@ from hil.record.mapfile import Rule, TableMap, is_target, refuse_constants
 from hil.record.recording import GROUPS, SIGNAL, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
-from hil.record.units import axes_unit, time_unit
+from hil.record.units import axes_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
 from hil.userfile import read_text
 
@@ -265,7 +265,26 @@ def _with_defaults(
     if "t" not in out and not given.rate_hz and len(timed) == 1:
         out["t"] = given.rule("t", timed[0])
         said.append(f"the column {timed[0]!r} is taken as the time")
-    return out, said
+    efforts = _of_currents(out, given)
+    if efforts:
+        names = ", ".join(name for rule in efforts.values() for name in rule.terms)
+        said.append(f"efforts are torque constants times the currents {names}")
+    return {**out, **efforts}, said
+
+
+def _of_currents(rules: Mapping[str, Rule], given: TableMap) -> dict[str, Rule]:
+    """Efforts by the currents ``i1..``, where torque constants are given and no effort is there."""
+    unit = given.units_of.get("tau")
+    if unit is None or not unit.torque_constant or any(stem_of(x) == "tau" for x in rules):
+        return {}
+    out = {}
+    for target, rule in rules.items():
+        if is_target(target) and stem_of(target) == "i" and len(rule.terms) == 1:
+            name = next(iter(rule.terms))
+            own = quantity(name)[1]
+            entry = {"from": name, "unit": own} if own else {"from": name}
+            out[f"tau{target[1:]}"] = given.rule(f"tau{target[1:]}", entry)
+    return out
 
 
 #: A column of a joint without its unit, in letters of any size, and how others call its stem.

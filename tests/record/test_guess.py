@@ -435,3 +435,20 @@ def test_words_that_look_like_units_are_none():
     text = propose(("t", "pos (a)", "pos (b)", "torque (a)", "torque (b)")).text
     assert "unit" not in text.split("[columns]")[1]
     assert quantity("pos (min)")[1] == ""
+
+
+@pytest.mark.parametrize(("unit", "size"), [("", 1.0), (" [A]", 1.0), (" [mA]", 1e-3)])
+def test_currents_are_the_efforts_of_a_table_without_where_constants_are_given(
+    tmp_path, capsys, unit, size
+):
+    r = plants.joints(d=2)
+    table = {
+        f"i{n[3:]}{unit}" if n.startswith("tau") else n: v / (size if n.startswith("tau") else 1.0)
+        for n, v in columns(r).items()
+    }
+    run = write_csv(tmp_path / "run.csv", table)
+    words = ["import", str(run), "-o", str(tmp_path / "s.mcap")]
+    assert main(words) == 2
+    assert main([*words, "--torque-constant", "2,3"]) == 0
+    assert "torque constants times the currents i1" in "".join(capsys.readouterr())
+    assert load(tmp_path / "s.mcap").tau == pytest.approx(r.tau * [2.0, 3.0])
