@@ -79,8 +79,9 @@ def refuse_unknown(parser: Parser, words: Sequence[str]) -> None:
     for name in (w.split("=")[0] for w in words[:end] if w.startswith("-")):
         known = any(o.startswith(name) for o in options)
         if not known and (name.startswith("--") or name[:2] not in (*options, "-")):
-            near = difflib.get_close_matches(name, [o for o in options if o[:2] == "--"], n=1)
-            hint = f"; did you mean {near[0]}?" if near else "."
+            long = [o[2:] for o in options if o[:2] == "--"]
+            near = difflib.get_close_matches(name.lstrip("-"), long, n=1)
+            hint = f"; did you mean --{near[0]}?" if near else "."
             if not _number(name.split()[0]):
                 parser.leave(f"unknown option {name}{hint}")
 

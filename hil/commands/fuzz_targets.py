@@ -337,8 +337,10 @@ def _session(data: bytes, folder: Path) -> object:
     """`hil info` of a session, as text and as JSON, and what is left of it as another one."""
     path, new = _put(data, folder, "s.mcap"), folder / "new.mcap"
     new.unlink(missing_ok=True)
-    for as_json in (False, True):
-        info.run(argparse.Namespace(sessions=[str(path)], recover=None, json=as_json))
+    parser = argparse.ArgumentParser()
+    info.configure(parser)
+    for words in ([str(path)], [str(path), "--json"]):
+        info.run(parser.parse_args(words))
     recover(path, new)
     return [check(r) for r in load_arms(path)]
 
