@@ -50,7 +50,7 @@ def test_sentences_break_between_words_on_a_terminal_alone(monkeypatch, wide):
     ]
     text = "\n".join([said, *kept])
     assert sentences(text, io.StringIO()) == text
-    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((wide, 24)))
+    monkeypatch.setattr("shutil.get_terminal_size", lambda *_, **__: os.terminal_size((wide, 24)))
     assert max(map(len, sentences(f"hil import: {said}", _Screen()).split("\n"))) <= wide
     first, *lines = sentences(text, _Screen()).split("\n")
     assert lines[-3:] == kept
