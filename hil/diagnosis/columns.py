@@ -379,8 +379,8 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
         model = replace(result.model, robot=x.robot)
         after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
         if _fits(after, before, x.share) or (x.fixed and _freed(after, result)):
-            said = f"{x.text}, and import again: the model's error {_falls(after, result)}"
-            said = said if x.text else ""
+            what = f"the model's error {_falls(after, result)}"
+            said = f"{x.text}, and import again: {what}" if x.text else ""
             if TIMES in said:
                 said = said.replace(TIMES, f"{times(x, after):.2g}")
             out.append(_Answer(_size(after), x.code, said, x.changes, _off(after)))

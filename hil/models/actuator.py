@@ -78,7 +78,7 @@ class TorqueGain(Effect):
 
     name, family = "torque-gain", "actuator"
     doc = Doc(
-        equation=("tau = (1 + g) load  (g = 1/kappa - 1, load = rigid body less external effort)"),
+        equation="tau = (1 + g) load  (g = 1/kappa - 1, load = rigid body less external effort)",
         signature="residual proportional to everything the motor carries, external force included",
         confused_with=("rigid-body", "payload", "load-friction"),
         shown_by="hand force and motor effort together, or a known payload",

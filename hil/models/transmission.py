@@ -1,7 +1,7 @@
 """What lies between motor and link, seen from the motor's encoder alone.
 
-With the load tau_l that a rigid joint would transmit (rigid body less external effort), a
-spring of stiffness k and a link of inertia M behind it, w^2 = k / M, give
+With the load tau_l that a rigid joint would transmit (rigid body less external effort), a spring
+of stiffness k and a link of inertia M behind it, w^2 = k / M, give
 
     tau_l(elastic) = H(s) tau_l,    H = w^2 / (s^2 + 2 zeta w s + w^2):
 

@@ -475,10 +475,7 @@ def _recording(
     state, effort = _renamed(state, called), _renamed(effort, called)
     chosen = replace(chosen, joints=tuple(called.get(n, n) for n in chosen.joints))
     what = _joints(bag, arm, state, effort, chosen)
-    try:
-        refuse_names(what.names)
-    except DataError as error:
-        raise DataError(f"bag {bag.path}, {state.topic}: {error}; record it again") from error
+    _refuse_names(bag, state, what)
     force = _force(bag, chosen)
     used = [g for g in (state, effort, force) if g is not None]
     clock = "header" if all(g.stamped for g in used) else "stamp"
@@ -499,12 +496,7 @@ def _recording(
     _refuse_short(bag, state, stamps[keep])
     has_speed = bool(np.isfinite(qd[keep]).all())
     note = f"{bag.path.name}: {_told(bag, state, source, force, what, clock, taken)}"
-    if called:
-        note += f"; the bag calls {what.names[0]} "
-        note += f"{next(old for old, new in called.items() if new == what.names[0])}, and so on"
-    if lost := len(state.stamp) - keep.size:
-        note += f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without "
-        note += "a number, or where the other topics have none"
+    note += _called_otherwise(what, called) + _left_out(state, keep.size)
     turning = [k for k, unit in enumerate(what.units) if unit != "m"]
     found = Recording(
         name=bag.path.stem,
@@ -527,6 +519,33 @@ def _recording(
     if said := found.metadata.get(UNWRAPPED):
         found.metadata["note"] += f"; {said}"
     return found
+
+
+def _refuse_names(bag: _Bag, state: _Group, what: _Chosen) -> None:
+    """Refuse names of joints that no file gives back."""
+    try:
+        refuse_names(what.names)
+    except DataError as error:
+        raise DataError(f"bag {bag.path}, {state.topic}: {error}; record it again") from error
+
+
+def _called_otherwise(what: _Chosen, called: Mapping[str, str]) -> str:
+    """What is said of a bag that calls the robot's joints otherwise."""
+    if not called:
+        return ""
+    first = next(old for old, new in called.items() if new == what.names[0])
+    return f"; the bag calls {what.names[0]} {first}, and so on"
+
+
+def _left_out(state: _Group, kept: int) -> str:
+    """What is said of messages that are no rows."""
+    lost = len(state.stamp) - kept
+    if not lost:
+        return ""
+    return (
+        f"; {plural(lost, 'message')} of {len(state.stamp)} left out: repeated, without a number, "
+        "or where the other topics have none"
+    )
 
 
 def _began(state: _Group, first: int, clock: str) -> dict[str, str]:
