@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     choice = common.bag_choice(args)
     paths = find(path for path in args.sessions if path not in files)
     refuse_table_words(paths, choice.table)
-    seen = [_seen(path, choice) for path in paths]
+    seen, unread = _all_seen(paths, choice)
     if args.json:
         entries = [_as_dict(*entry) for entry in seen]
         entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
@@ -144,7 +144,25 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.writelines(f"{path}: {trust.line(what)}\n" for path, what in run_by)
         idle = [path for path in files if path not in {p for p, _ in run_by}]
         sys.stdout.writelines(f"{path}: runs nothing\n" for path in idle)
+    if unread:
+        sys.stdout.flush()
+        raise unread[0] if len(unread) == 1 else DataError("\n".join(map(str, unread)))
     return 0
+
+
+def _all_seen(
+    paths: list[Path], choice: BagChoice
+) -> tuple[list[tuple[SessionSummary, list[_Arm]]], list[ConfigError | DataError]]:
+    """What the readable ones hold, and the errors of the others: one does not hide the rest."""
+    seen, unread = [], []
+    for path in paths:
+        try:
+            seen.append(_seen(path, choice))
+        except (ConfigError, DataError) as error:
+            if len(paths) == 1:
+                raise
+            unread.append(error)
+    return seen, unread
 
 
 def _recover(sessions: list[str], target: Path, as_json: bool) -> int:

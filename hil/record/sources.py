@@ -22,6 +22,7 @@ from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf, refuse_beyond
 from hil.record.recording import BEGAN, EFFORT_STEP, LOCKED, SIGNAL, STATED, Recording, RobotSource
+from hil.record.table_files import is_dataset
 from hil.userfile import read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
@@ -44,7 +45,7 @@ def find(paths: Iterable[str | Path]) -> list[Path]:
     """
     out: list[Path] = []
     for path in map(Path, paths):
-        if not path.is_dir() or is_bag(path):
+        if not path.is_dir() or is_bag(path) or is_dataset(path):
             out.append(path)
             continue
         inside = _inside(path) or [p for place in _folders(path) for p in _inside(place)]
@@ -123,7 +124,7 @@ def below(paths: Iterable[str | Path]) -> list[Path]:
     for path in given:
         if not path.exists():
             raise DataError(f"{path}: no such folder or file")
-        if path.is_dir() and not is_bag(path):
+        if path.is_dir() and not (is_bag(path) or is_dataset(path)):
             places = (path, *_folders(path))
             inside = [p for place in places for p in _inside(place)]
             out += inside or [p for place in places for p in _tables(place)]
@@ -232,8 +233,10 @@ def load_source(
 def is_session(path: str | Path) -> bool:
     """Whether a path is a session's or none; else it is that of a bag or of a table."""
     name = Path(path)
-    if is_bag(name) or name.suffix.lower() in _ENDINGS or not name.is_file():
-        return not is_bag(name)
+    if is_bag(name) or is_dataset(name):
+        return False
+    if name.suffix.lower() in _ENDINGS or not name.is_file():
+        return True
     with name.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
@@ -278,7 +281,8 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     from hil.record.units import axes_unit
 
     words = choice.table
-    given = read_map(words.map, words.torque_constant) if words.map else TableMap()
+    name = words.map or ("lerobot" if is_dataset(path) else "")
+    given = read_map(name, words.torque_constant) if name else TableMap()
     text = choice.robot or ("" if given.urdf else choice.described)
     robot = RobotSource("", text, choice.tip or given.tip) if text else ""
     mapping = replace(
@@ -303,9 +307,9 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     unused = [n for n in found.unused if n]
     left = f"; not used: {', '.join(families(unused))}" if unused else ""
     units = "with positions in degrees" if words.unit == "deg" else "in SI units"
-    how = f"by the map {words.map}" if words.map else f"by their names, {units}"
+    how = f"by the map {name}" if name else f"by their names, {units}"
     unsaid = all(STATED not in r.metadata for r in found.recordings)
-    if unsaid and not (words.map or described or mapping.unit):
+    if unsaid and not (name or described or mapping.unit):
         how += " (joints that turn are assumed; unit m is for axes that slide)"
     note = "; ".join([f"{path.name}: columns {how}", *found.notes]) + left
     runs = [replace(r, metadata={**r.metadata, "note": note}) for r in found.recordings]

@@ -421,7 +421,7 @@ def _episode(folder: Path, run: str) -> ForeignTable:
         some = ", ".join(list(episodes)[:5])
         raise DataError(
             f"LeRobot data set {folder} holds {len(episodes)} episodes ({some}, ...); choose one "
-            "with --run, or all with --all-runs"
+            f"with --run, or make a session of each: hil import {folder} --all-runs -o SESSIONS"
         )
     name = run or next(iter(episodes))
     if name not in episodes:

@@ -27,6 +27,7 @@ from hil.record.checks import check
 from hil.record.guess import propose
 from hil.record.mapfile import parse_map, read_map
 from hil.record.mcap_read import load
+from hil.record.sources import below, find
 from hil.record.table_files import open_table, run_names, text_table
 from hil.record.tables import import_table
 
@@ -433,7 +434,7 @@ def test_a_data_set_of_lerobot(tmp_path, version, capsys):
         parquet.write_table(
             pa.concat_tables(tables), folder / "data" / "chunk-000" / "file-000.parquet"
         )
-    with pytest.raises(DataError, match=r"holds 2 episodes .*--all-runs"):
+    with pytest.raises(DataError, match=r"holds 2 episodes .*with --run, .*--all-runs"):
         import_table(folder, read_map("lerobot"))
     found = import_table(folder, read_map("lerobot"), run="episode_000001").recordings[0]
     np.testing.assert_allclose(found.q, np.sin(np.outer(t, [1.0, 2.0])) + 1, atol=1e-12)
@@ -442,6 +443,15 @@ def test_a_data_set_of_lerobot(tmp_path, version, capsys):
     assert {p.name for p in (tmp_path / "out").glob("*.mcap")} == {
         f"episode_00000{k}.mcap" for k in (0, 1)
     }
+    # the analyses take it, too, one episode at a time
+    capsys.readouterr()
+    assert main(["compare", str(folder)]) == 2
+    assert "holds 2 episodes" in capsys.readouterr().err
+    said = hil.load(folder, run="episode_000001")
+    np.testing.assert_allclose(said.q, found.q)
+    assert "by the map lerobot" in said.metadata["note"]
+    assert find([folder]) == below([folder]) == [folder]
+    assert main(["info", str(folder), "--run", "episode_000000"]) == 0
 
 
 def test_a_data_set_without_efforts_says_so(tmp_path):

@@ -177,6 +177,20 @@ def test_unreadable(tmp_path, capsys, content):
     assert "hil import" in capsys.readouterr().err
 
 
+def test_one_that_is_unreadable_hides_no_other(session, tmp_path, capsys):
+    broken = [tmp_path / f"{name}.mcap" for name in "az"]
+    for path in broken:
+        path.write_bytes(b"nothing")
+    given = [str(broken[0]), str(session), str(broken[1])]
+    assert main(["info", *given]) == 2
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{session}: ") and all(path.name in err for path in broken)
+    assert main(["info", *given[:2], "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert [s["path"] for s in json.loads(out)["sessions"]] == [str(session)]
+    assert broken[0].name in err
+
+
 @pytest.mark.real_time
 def test_a_session_in_real_time_has_a_date_and_the_figures_of_its_loop(tmp_path, capsys):
     path = tmp_path / "s.mcap"
