@@ -21,6 +21,7 @@ def test_nothing_is_named_where_nothing_is_hidden(name):
     assert (row["outcome"], row["verdict"]) == ("right", "adequate"), row["named"]
 
 
+@pytest.mark.slow
 def test_a_small_load_at_the_tip_is_not_surely_an_offset():
     """What it does on one joint is an offset there, but it acts on others, too."""
     name = "payload@1x0.5/arm/white/strokes/0"

@@ -111,12 +111,13 @@ def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: flo
     assert values["e"] == pytest.approx(share, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("j", "k"),
     [
         (1, 2),
-        pytest.param(2, 1, marks=pytest.mark.slow),
-        pytest.param(0, 1, marks=pytest.mark.slow),
+        (2, 1),
+        (0, 1),
     ],
 )
 def test_a_hose_between_two_joints_is_no_leak(j: int, k: int) -> None:

@@ -71,6 +71,7 @@ def test_a_base_on_a_slope_is_named_with_its_angle():
     assert all(found.explained.heldout.rms < 1.2 * found.noise)
 
 
+@pytest.mark.slow
 def test_a_cart_that_leans_explains_all_where_masses_are_known_in_combination_alone():
     """Gravity from another side acts on what the level arm does not show, near the first axis."""
     runs = [plants.cart_arm(seed) for seed in (1, 2)]

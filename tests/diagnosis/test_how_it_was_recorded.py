@@ -309,7 +309,7 @@ def test_several_runs_of_two_clocks_have_one_rate():
     assert d.result.problem.alignment.rate == pytest.approx(4e-4, rel=0.1)
 
 
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_clocks_that_differ_by_one_per_cent_are_told_run_by_run(count):
     """Of one run it was unexplained at 81 %, of three as well; of other motions false effects."""
     late = [0.0, 0.1, -0.05]

@@ -11,7 +11,7 @@ from hil.models.model import base_model
     ("law", "names", "form"),
     [
         (plants.lugre, {"presliding"}, 2.0),
-        (plants.loops, {"presliding", "stribeck"}, 0.0),
+        pytest.param(plants.loops, {"presliding", "stribeck"}, 0.0, marks=pytest.mark.slow),
         (plants.curve, {"stribeck"}, None),
     ],
 )

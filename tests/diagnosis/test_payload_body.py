@@ -106,6 +106,7 @@ def test_offsets_of_a_run_are_told_from_a_body_in_a_small_motion(kind: str) -> N
     assert all(f.confidence > 0.9 for f in answer.findings)
 
 
+@pytest.mark.slow
 def test_offsets_of_every_joint_and_run_hide_no_friction() -> None:
     """One payload had been named for three offsets, and beside it no other effect was sure."""
     runs = []
@@ -152,6 +153,7 @@ def test_an_offset_of_a_held_out_run_s_own_is_said() -> None:
     assert "held-out-values" in [code for code, _ in after.step.result.warnings]
 
 
+@pytest.mark.slow
 def test_the_run_that_carries_a_body_has_it_where_it_comes_first() -> None:
     """It was minus four kilograms on the empty run, and the model of all others carried it."""
     runs = [plants.serial_arm(2, k, link, axes=PITCH, seconds=12.0) for k, link in ((2, 2), (1, 0))]

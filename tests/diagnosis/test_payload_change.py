@@ -16,7 +16,7 @@ def answer(fitted: Recording, held: list[Recording] | None = None):
 @pytest.mark.parametrize(
     "held",
     [
-        pytest.param([], id="fifths"),
+        pytest.param([], id="fifths", marks=pytest.mark.slow),
         pytest.param(["load"], id="both", marks=pytest.mark.slow),
         pytest.param(["none"], id="bare"),
     ],
@@ -38,7 +38,11 @@ def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tm
 
 
 @pytest.mark.parametrize(
-    ("change", "says"), [("gain", "scale of all efforts"), ("offset", "effort at rest")]
+    ("change", "says"),
+    [
+        ("gain", "scale of all efforts"),
+        pytest.param("offset", "effort at rest", marks=pytest.mark.slow),
+    ],
 )
 def test_what_changes_on_one_joint_is_no_load_and_nothing_that_imitates_it(change, says):
     d = answer(plants.pickup(1, change))

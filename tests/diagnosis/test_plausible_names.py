@@ -95,6 +95,7 @@ def test_the_share_is_that_on_the_held_out_recording():
     assert d.findings[0].excess_explained == pytest.approx(np.clip(expected, 0, 1), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_name_that_comes_to_nothing_beside_a_correction_does_not_stand():
     """Bristles stand for a spring that yields, of no catalogue, until a correction does."""
     first, second, other = (plants.leaking_axis(seed, 250.0, 40.0) for seed in (1, 2, 3))

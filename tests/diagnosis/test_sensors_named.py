@@ -64,6 +64,7 @@ def test_hum_has_its_own_phase_in_every_run():
     assert named(*runs)[1] == {("periodic-disturbance", "joint1")}
 
 
+@pytest.mark.slow
 def test_hum_locked_to_the_motion_is_not_called_a_disturbance():
     # 3 Hz is a multiple of the motion's 0.2 Hz: it could as well come from the posture
     assert "periodic-disturbance" not in {

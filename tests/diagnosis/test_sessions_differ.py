@@ -47,7 +47,7 @@ def said(d) -> list[str]:
             "monday does not show it",
         ),
         ("", "stribeck", "stribeck would explain"),
-        ("", "offset", "torque-offset"),
+        pytest.param("", "offset", "torque-offset", marks=pytest.mark.slow),
         pytest.param("offset", "", "torque-offset", marks=pytest.mark.slow),
         ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would explain 100 %"),
         ("", "gain", "all efforts of the joint scaled by 1.15"),

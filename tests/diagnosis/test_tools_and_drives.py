@@ -130,6 +130,7 @@ def jaw(seed):
     return plants.single(f"jaw{seed}", t[::10], seen, u + 0.05 * rng.normal(size=seen.size))
 
 
+@pytest.mark.slow
 def test_a_jaw_that_closes_on_something_soft_has_an_end_stop_alone():
     """What a contact of another exponent leaves is no spring beside it."""
     runs = [jaw(seed) for seed in (1, 2)]

@@ -61,6 +61,7 @@ def test_a_closed_chain_is_learnt_as_an_extension_of_a_serial_one() -> None:
     assert np.all(d.ladder[-1].heldout.relative < 2.0)
 
 
+@pytest.mark.slow
 def test_a_spring_between_two_drives_is_named_on_both() -> None:
     """The bending of a beam is the difference of its drives, next to nothing beside their way."""
     run, other = plants.gantry(0), plants.gantry(1, 0.9)

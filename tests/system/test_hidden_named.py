@@ -11,7 +11,7 @@ from hil.rigs import rig_path
 
 #: One seed of each family here, 12 s long; `hil bench hidden` runs all ten with three of 30 s.
 CASES = [
-    ("", "joint1"),
+    pytest.param("", "joint1", marks=pytest.mark.slow),
     pytest.param("stribeck", "joint2", marks=pytest.mark.slow),
     pytest.param("presliding", "joint2", marks=pytest.mark.slow),
     pytest.param("coupled-friction", "joint2", marks=pytest.mark.slow),

@@ -278,7 +278,15 @@ def scaled_rig(tmp_path, **changes):
     return str(path)
 
 
-@pytest.mark.parametrize("name", ["position-error", "position-force", "transparent", "optimised"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "position-error",
+        "position-force",
+        pytest.param("transparent", marks=pytest.mark.slow),
+        "optimised",
+    ],
+)
 def test_a_new_design_keeps_the_scales_of_the_rig(name, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(rig_designs, "_STIFFNESS", (60.0, 120.0))
     monkeypatch.setattr(rig_designs, "_DAMPING", (0.3, 0.6))
