@@ -189,14 +189,19 @@ class GramTable:
         return np.concatenate(parts) if parts else np.zeros(0, dtype=int)
 
     def _scales(self, size: int) -> FloatArray:
-        """Weighted length of each column over all joints (p,), 1 where it is zero."""
+        """Weighted length of each column over all joints (p,), 1 where it is zero.
+
+        Zero is what is rounding beside the columns of the model: a candidate whose state runs away
+        says nothing of the other candidates.
+        """
         power = np.zeros(size)
         for g in self.groups.values():
             for j in _joints(g, self.d):
                 x = _rows(g, j)
                 power[self._place[g.key]] += self._weight[j] * np.einsum("ij,ij->j", x, x)
         length = np.sqrt(power)
-        least = 1e-11 * float(length.max(initial=0.0))
+        known = length[: self._width] if self._width else length
+        least = 1e-11 * float(known.max(initial=0.0))
         self._live = length > max(least, 1e-300)
         return np.where(self._live, length, 1.0)
 

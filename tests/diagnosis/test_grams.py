@@ -117,3 +117,16 @@ def test_a_group_apart_gives_what_it_gives_among_the_others(made):
         assert whole.residual(list(keys), 0) == pytest.approx(apart.residual(list(keys), 0))
     with pytest.raises(ValueError, match="one at a time"):
         apart.errors(list("avs1q"))
+
+
+def test_a_candidate_whose_state_runs_away_says_nothing_of_the_others(made):
+    """A link that swings up behind a soft spring had made every other column rounding."""
+    problem, folds = made
+    every = columns(problem, *"avs1q")
+    away = group("x", np.exp(np.linspace(0.0, 60.0, problem.n))[:, None])
+    alone = GramTable(problem, folds, np.array([0.01]), every[:3], every[3:])
+    beside = GramTable(problem, folds, np.array([0.01]), every[:3], [*every[3:], away])
+    for keys in ("avs", "avs1", "avsq"):
+        one, other = alone.errors(list(keys)), beside.errors(list(keys))
+        assert one.squared == pytest.approx(other.squared, rel=1e-9)
+    assert np.isfinite(beside.errors([*"avs", "x"]).squared).all()
