@@ -108,6 +108,7 @@ def test_a_hand_at_the_tip_is_named_with_its_stiffness_and_damping(d):
     assert all(found.explained.heldout.rms < 1.2 * found.noise)
 
 
+@pytest.mark.slow
 def test_a_law_of_posture_is_doubtful_beside_masses_that_are_none(monkeypatch):
     """As of a hand that holds the tip sideways alone: gravity makes up for what the law has not."""
     runs = [plants.serial_arm(3, seed, hand=True) for seed in (1, 2)]

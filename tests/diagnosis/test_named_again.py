@@ -85,7 +85,8 @@ def test_a_law_that_contains_the_named_one_is_a_rival_if_it_foretells_more_by_wh
     assert _gains(search, BlockErrors(share * left, count)) == rival
 
 
-@pytest.mark.parametrize("gain", [pytest.param(1.1, marks=pytest.mark.slow), 1.25])
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [1.1, 1.25])
 def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
     train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     for run in (train, other):

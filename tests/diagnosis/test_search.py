@@ -109,6 +109,7 @@ def test_the_weight_of_an_axis_without_a_description_is_no_spring():
     assert np.hypot(*size) == pytest.approx(0.8, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
     """Beside Coulomb friction the best shape of presliding is another one, and worth nothing."""
     pytest.importorskip("mujoco")

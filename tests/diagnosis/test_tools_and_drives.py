@@ -96,6 +96,7 @@ def test_hysteresis_that_has_no_break_away_is_found_in_its_own_form():
     assert d.ladder[-1].heldout.relative[0] < 0.2
 
 
+@pytest.mark.slow
 def test_a_spring_beside_a_soft_hysteresis_has_its_name():
     """Beside the shape that hysteresis has without it a spring seems too small to be named."""
     d = diagnosed(lambda q, v, a: carried(q, v, a) + 1.2 * dahl(q, 0.25) + q)

@@ -105,12 +105,13 @@ def test_a_mujoco_arm_without_a_description_lacks_its_description_alone(robot: s
     assert "gravity of an unknown geometry" in said and "--robot ARM.urdf" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "motion", "effect", "joint"),
     [
         ("planar2", 1, "stribeck", 1),
-        pytest.param("elbow3", 2, "cogging", 1, marks=pytest.mark.slow),
-        pytest.param("elbow3", 3, "stribeck", 0, marks=pytest.mark.slow),
+        ("elbow3", 2, "cogging", 1),
+        ("elbow3", 3, "stribeck", 0),
     ],
 )
 def test_a_name_beside_an_unknown_geometry_stands_alone(

@@ -21,6 +21,7 @@ def test_the_sign_of_friction_is_as_wide_among_seven_joints_as_alone(d: int) -> 
     assert found == pytest.approx(plants.SIGN, rel=0.15)
 
 
+@pytest.mark.slow
 def test_seven_joints_with_smooth_friction_lack_nothing() -> None:
     d = diagnose([plants.smooth_friction_axes(7)], AXES, [plants.smooth_friction_axes(7, 2)])
     assert d.verdict == "adequate", [(f.effect, f.joint, f.confidence) for f in d.findings]

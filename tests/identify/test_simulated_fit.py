@@ -22,6 +22,7 @@ def wide() -> RobotModel:
     return replace(base_model(AXIS), band=Band(40.0, 20.0))
 
 
+@pytest.mark.slow
 def test_simulation_is_right_where_noise_of_the_positions_biases_the_one_step_fit() -> None:
     model = wide()
     run, other = (plants.pushed_axes(seed, 2e-3, seconds=12.0) for seed in (1, 2))

@@ -11,15 +11,16 @@ from hil.rigs import rig_path
 
 #: One seed of each family here, 12 s long; `hil bench hidden` runs all ten with three of 30 s.
 CASES = [
-    pytest.param("", "joint1", marks=pytest.mark.slow),
-    pytest.param("stribeck", "joint2", marks=pytest.mark.slow),
-    pytest.param("presliding", "joint2", marks=pytest.mark.slow),
-    pytest.param("coupled-friction", "joint2", marks=pytest.mark.slow),
-    pytest.param("position-torque", "joint1", marks=pytest.mark.slow),
+    ("", "joint1"),
+    ("stribeck", "joint2"),
+    ("presliding", "joint2"),
+    ("coupled-friction", "joint2"),
+    ("position-torque", "joint1"),
     ("cogging", "joint2"),
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "joint"), CASES)
 def test_hidden_effect_is_named(tmp_path, effect, joint):
     found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4, length=12.0)
