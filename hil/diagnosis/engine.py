@@ -150,6 +150,7 @@ def _diagnosed(
     faults: list[DataFault],
 ) -> Diagnosis:
     """The same of runs without a fault, in the order in which they are given."""
+    # the shares are about those of the time, by the middle of each piece of work
     progress.at("fit the given model", 0.0)
     problem = of_model(recordings, model)
     result = fit_aligned(problem, model)
@@ -209,7 +210,7 @@ def _without(recordings: list[Recording], told: list[Touch]) -> list[Recording]:
 
 def _named(search: Search) -> list[Named]:
     """What was found with its rivals, after other forms of it have been tried."""
-    progress.at("compare with rivals", 0.2)
+    progress.at("compare with rivals", 0.62)
     search.complete()
     if search.untimed():
         search.forward()
@@ -256,7 +257,7 @@ def _concluded(
     """
     search.blunted()
     renew(search.now.result)
-    progress.at("judge the names", 0.33)
+    progress.at("judge the names", 0.8)
     out = judged(search, named, _last(search))
     out.warnings = without_robot(search.problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
@@ -320,7 +321,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     open_joints = ~problem.holds & over & matters(step.result)
     if out.verdict == "adequate" or not np.any(open_joints):
         return out
-    progress.at("seek corrections for the rest", 0.45)
+    progress.at("seek corrections for the rest", 0.9)
     joints = (None, *problem.joints)
     search.standing = [
         (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= HALF

@@ -79,7 +79,7 @@ def exchange(search: Search) -> list[Named]:
         for k, c in enumerate(list(search.found)):
             if c.term.key in named:
                 continue
-            progress.at(f"rivals of {c.name}", 0.2 + 0.13 * k / len(search.found))
+            progress.at(f"rivals of {c.name}", 0.62 + 0.16 * k / len(search.found))
             now = search.now
             rated, projector = _beside(search, c)
             rated = _settled(search, c, rated)

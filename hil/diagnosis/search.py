@@ -110,7 +110,7 @@ class Search(Models):
         open_joints = self.moves if joints is None else list(joints)
         while open_joints:
             found = len(self.rungs) - self.start - 1
-            progress.at("seek effects", 0.2 - 0.15 * 0.7**found)
+            progress.at("seek effects", 0.5 - 0.35 * 0.6**found)
             evidence, rated = self.evidence(open_joints)
             self.first = self.first or evidence
             self.last = evidence
