@@ -25,6 +25,7 @@ from hil.diagnosis.candidates import in_words, shares
 from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import (
     ADEQUATE,
+    BEATEN,
     CONFIDENT,
     HALF,
     NEAR_FLOOR,
@@ -148,8 +149,12 @@ def _diagnosed(
     held: list[Recording],
     seed: int,
     faults: list[DataFault],
+    cuts: int = 0,
 ) -> Diagnosis:
-    """The same of runs without a fault, in the order in which they are given."""
+    """The same of runs without a fault, in the order in which they are given.
+
+    `cuts`: how often moments have been left out of them.
+    """
     # the shares are about those of the time, by the middle of each piece of work
     progress.at("fit the given model", 0.0)
     problem = of_model(recordings, model)
@@ -178,25 +183,31 @@ def _diagnosed(
         progress.at("efforts are rounded: seek again", 0.1)
         # once: the model says its steps then
         stated = replace(model, band=replace(model.band, effort_step=steps))
-        return _diagnosed(recordings, stated, held, seed, faults)
+        return _diagnosed(recordings, stated, held, seed, faults, cuts)
     named = _named(search)
     if search.retimed():
         search.forward()
         named = _named(search)
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
-    if told := _touched(out, recordings):
+    if cuts < CUTS and (told := _touched(out, recordings)):
         progress.at("something pushed for a moment: seek again without these times", 0.1)
-        out = _diagnosed(_without(recordings, told), model, held, seed, faults)
+        out = _diagnosed(_without(recordings, told), model, held, seed, faults, cuts + 1)
         out.warnings = [(TOUCHED, t.text) for t in told] + out.warnings
     return out
 
 
-def _touched(out: Diagnosis, recordings: list[Recording]) -> list[Touch]:
-    """What acted for moments beside the last names; nothing where such times are left out.
+#: Times that moments are left out and all is sought again.
+CUTS = 3
 
-    Nor on joints of which a value changed for good.
+
+def _touched(out: Diagnosis, recordings: list[Recording]) -> list[Touch]:
+    """What acted for moments beside the last names; nothing where a fifth of the time is left out.
+
+    What is left out on one joint may have hidden what acts on another.  Nor is anything told on
+    joints of which a value changed for good.
     """
-    if any(r.left_out for r in recordings):
+    gone = [sum(b - a for a, b in r.left_out) / (r.t[-1] - r.t[0]) for r in recordings]
+    if max(gone) > BEATEN:
         return []
     changed = {c.joint for c in out.last.changes}
     return [t for t in touches(out.explained.result) if t.joint not in changed]
@@ -392,7 +403,7 @@ def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
             sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), most)
             why = "" if not names and f.reason == AS_WELL else f.reason
             out.findings[k] = replace(f, confidence=round(sure, 3), rivals=list(names), reason=why)
-    if out.verdict == "ambiguous":
+    if out.verdict in ("ambiguous", "missing-effect"):
         out.verdict = _verdict(out.findings, out.partial, True)
     return out
 

@@ -314,7 +314,7 @@ class Folds:
 
     def __init__(self, result: FitResult) -> None:
         self.result, problem = result, result.problem
-        q = _free(result).reshape(problem.d, problem.n, -1)
+        q = free_columns(result).reshape(problem.d, problem.n, -1)
         y = result.residual / result.sigma[:, None]
         fold = time_blocks(problem, SECONDS) % FOLDS
         #: Columns (d, n_k, r) and residual (d, n_k) of each fold.
@@ -362,7 +362,7 @@ class Folds:
         return grams, rights
 
 
-def _free(result: FitResult) -> FloatArray:
+def free_columns(result: FitResult) -> FloatArray:
     """Orthonormal weighted columns (d n, r) of the parameters that are not on a bound."""
     free = np.array([not (n in result.values and result.values[n].at_bound) for n in result.names])
     if free.all():

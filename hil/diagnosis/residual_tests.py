@@ -45,18 +45,18 @@ from hil.diagnosis.constants import (
     LEVEL,
     LITTLE,
     NEAR_FLOOR,
-    OPEN,
     PERIODS,
     SURE,
     SWINGS,
     TENTH,
+    WHOLE,
 )
-from hil.diagnosis.floor import practical
+from hil.diagnosis.floor import free_columns, practical
 from hil.diagnosis.types import Change, Cut
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
-from hil.identify.regression import inflation
+from hil.identify.regression import inflation, reweighted
 from hil.identify.result import FitResult
 
 FloatArray = NDArray[np.float64]
@@ -435,7 +435,8 @@ def touches(result: FitResult) -> list[Touch]:
 
         z = (log p - median) / s,   s = 1.4826 median |log p - median|,
 
-    a touch is a block of z > `CERTAIN` with its neighbours of z > `SURE`.
+    a touch is a block of z > `CERTAIN` with its neighbours of z > `SURE`.  The residual is that of
+    a fit to which blocks far above the others count less (`reweighted`).
     """
     problem, out = result.problem, list[Touch]()
     measured = any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings)
@@ -445,11 +446,20 @@ def touches(result: FitResult) -> list[Touch]:
     at = (problem.t * problem.rates.effort / PERIODS).astype(int)
     blocks = at + problem.run * (int(at.max()) + 2)
     felt = result.rms > practical(problem) * problem.rms(problem.effort)
-    for j in np.flatnonzero(~problem.holds & felt).tolist():
-        struck = _struck(problem, j, result.residual[j], blocks)
-        slow = _slow_share(problem, np.where(struck, result.residual[j], 0.0)[:, None])
-        if slow > HALF and _elsewhere_alike(result, j, struck):
-            out += _touches_of(result, j, struck)
+    joints = np.flatnonzero(~problem.holds & felt).tolist()
+    if not joints:
+        return out
+    columns = free_columns(result).reshape(problem.d, problem.n, -1)
+    sigma = result.sigma[:, None]
+    residual = sigma * reweighted(
+        columns, np.where(problem.live, result.residual / sigma, 0.0), blocks
+    )
+    for j in joints:
+        r = np.where(problem.live[j], residual[j], 0.0)
+        struck = _struck(problem, j, r, blocks)
+        slow = _slow_share(problem, np.where(struck, r, 0.0)[:, None])
+        if slow > HALF and _elsewhere_alike(problem, j, struck, r, blocks):
+            out += _touches_of(result, j, struck, r)
     return out
 
 
@@ -476,22 +486,31 @@ def _struck(problem: Problem, j: int, r: FloatArray, blocks: NDArray[np.int_]) -
     return np.asarray(binary_dilation(beyond)[blocks])
 
 
-def _elsewhere_alike(result: FitResult, j: int, struck: NDArray[np.bool_]) -> bool:
-    """Whether joint j was in the same motion as at most of some instants (n,) at others, too.
+def _elsewhere_alike(
+    problem: Problem, j: int, struck: NDArray[np.bool_], r: FloatArray, blocks: NDArray[np.int_]
+) -> bool:
+    """Whether joint j was in the same motion as at most of some instants (n,) at other times, too.
 
-    By the power of what is left at those instants.
+    By the power of what is left, r (n,): where position, speed and foretold effort are as near to
+    those of another time as those of seven in ten of the other instants are.
     """
-    problem = result.problem
-    x = np.stack([problem.q[j], problem.qd[j], problem.y[j] - result.residual[j]], axis=1)
+    x = np.stack([problem.q[j], problem.qd[j], problem.y[j] - r], axis=1)
     x = x / np.maximum(x.std(axis=0), 1e-300)
-    quiet = problem.live[j] & ~struck
-    at = struck & problem.live[j]
-    near, power = cKDTree(x[quiet]).query(x[at])[0] < OPEN, result.residual[j, at] ** 2
+    quiet, at = problem.live[j] & ~struck, struck & problem.live[j]
+    if not np.any(at):
+        return False
+    apart = []
+    for b in np.unique(blocks[quiet]).tolist():
+        other = quiet & (np.abs(blocks - b) > 1)
+        if np.any(other):
+            apart.append(cKDTree(x[other]).query(x[quiet & (blocks == b)])[0])
+    usual = float(np.quantile(np.concatenate(apart), WHOLE)) if apart else 0.0
+    near, power = cKDTree(x[quiet]).query(x[at])[0] < usual, r[at] ** 2
     return float(power[near].sum()) > HALF * float(power.sum())
 
 
-def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_]) -> list[Touch]:
-    """What acts on joint j at some instants (n,), run by run."""
+def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_], r: FloatArray) -> list[Touch]:
+    """What acts on joint j at some instants (n,), run by run: of what is left there, r (n,)."""
     problem, out = result.problem, list[Touch]()
     unit = in_units("{F}", problem, j)
     for k in np.unique(problem.run[struck]).tolist():
@@ -502,7 +521,7 @@ def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_]) -> list[To
         part = problem.recordings[k]
         t, began = problem.t[own] + float(part.t[0]), float(part.t[0]) - problem.motions[k].began
         spans = [(float(t[a]), float(t[b])) for a, b in zip(first, last, strict=True)]
-        size = float(np.max(np.abs(result.residual[j, own[at]])))
+        size = float(np.max(np.abs(r[own[at]])))
         run = int(problem.whole[k])
         out.append(Touch(problem.joints[j], part.name, unit, run, spans, began, size))
     return out

@@ -19,6 +19,7 @@ _ARITHMETIC = {
     "attribution": {"FURTHER"},
     "candidates": {"DRAWS", "SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
     "postures": {"INSTANTS", "STEPS", "EARTH", "SAME"},
+    "engine": {"CUTS"},
     "equivalence": {"PROBE", "UNSHOWN", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
     "floor": {

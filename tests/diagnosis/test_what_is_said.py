@@ -3,6 +3,7 @@
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -13,6 +14,7 @@ from hil.commands.compare import text as compared
 from hil.commands.diagnose import short, text
 from hil.diagnosis import engine
 from hil.diagnosis.engine import diagnose
+from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import COMMON
 from hil.models.model import base_model
@@ -139,3 +141,16 @@ def test_an_unexplained_joint_is_in_the_verdict(half_named):
     d = replace(half_named, verdict="unexplained", findings=[])
     first = short(d, ladder(d), None).splitlines()[0]
     assert first.endswith("an effect is missing on joint2, and none in the catalogue explains it.")
+
+
+def test_a_name_that_is_less_sure_beside_the_last_model_leaves_no_missing_effect(monkeypatch):
+    """The verdict was of the model before; the answer then told to accept nothing, and broke."""
+    few = {"relative_before": 9.0, "relative_after": 3.0, "se": 0.1, "excess_explained": 0.9}
+    named = Finding("stribeck", "j1", 0.9, **few, parameters={}, rivals=["presliding"])
+    before = SimpleNamespace(candidate=SimpleNamespace(name="stribeck"), confidence=0.9)
+    after = SimpleNamespace(candidate=before.candidate, confidence=0.4, rivals=[])
+    monkeypatch.setattr(engine, "separated", lambda search, n: after)
+    monkeypatch.setattr(engine, "joint_of", lambda c, problem: "j1")
+    out = Diagnosis("missing-effect", findings=[named])
+    out = engine.separate(out, SimpleNamespace(problem=None), [before])
+    assert (out.verdict, out.findings[0].confidence) == ("ambiguous", 0.4)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.identify.regression import basis, cluster_covariance, inflation
+from hil.identify.regression import basis, cluster_covariance, inflation, reweighted
 
 
 def regressor(n: int = 200, p: int = 5, seed: int = 0) -> np.ndarray:
@@ -125,3 +125,29 @@ def test_inflation_measures_colour_within_runs() -> None:
     rho = 0.8  # (1 + rho) / (1 - rho) = 9
     assert inflation(coloured(rng, 8000, rho), run) == pytest.approx(9.0, rel=0.25)
     assert inflation(np.zeros(100), np.zeros(100, int)) == 1.0
+
+
+def test_blocks_far_above_the_others_count_less():
+    """A push of a tenth of the time bends a fit of squares, and hides in what it leaves."""
+    rng, blocks = np.random.default_rng(0), np.repeat(np.arange(40), 50)
+    x = rng.standard_normal((2, 2000, 3))
+    x[1, 500:600] = 0.0  # rows that do not count
+    theta, r = np.array([1.0, -2.0, 0.5]), 0.1 * rng.standard_normal((2, 2000))
+    r[1, 500:600] = 0.0
+    pushed = r + x @ theta
+    pushed[:, 1000:1200] += 3.0 * x[:, 1000:1200, 0]
+    rows, y = x.reshape(-1, 3), pushed.reshape(-1)
+    plain = y - rows @ np.linalg.lstsq(rows, y, rcond=None)[0]
+    left = reweighted(x, pushed, blocks)
+    quiet = np.r_[0:500, 600:1000, 1200:2000]
+    assert np.std(plain.reshape(2, -1)[:, quiet]) > 0.2
+    assert np.std(left[:, quiet]) == pytest.approx(0.1, rel=0.05)
+    assert left[:, 1000:1200] == pytest.approx(
+        pushed[:, 1000:1200] - x[:, 1000:1200] @ theta, abs=0.1
+    )
+    # without anything to count less it is the fit of squares
+    bare = r + x @ theta
+    y = bare.reshape(-1)
+    same = y - rows @ np.linalg.lstsq(rows, y, rcond=None)[0]
+    assert reweighted(x, bare, blocks).reshape(-1) == pytest.approx(same, abs=5e-3)
+    assert not np.any(reweighted(0.0 * x, 0.0 * r, blocks))
