@@ -27,7 +27,7 @@ from hil.diagnosis.verdict import NO_GEOMETRY, lateness, not_white, only_there
 from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
-from hil.models.effect import VALUE_DEVIATIONS, Lines, Trait, Waves
+from hil.models.effect import VALUE_DEVIATIONS, Effect, Lines, Trait, Waves
 from hil.models.model import Value, in_words, remark
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
@@ -191,6 +191,18 @@ def _telling(f: Finding, contribution: str = "") -> str:
         return wave
     short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
     kind = catalogue.get(f.effect)
+    instant = [p.name for p in kind.shape if p.name in short and p.unit == "s"]
+    if kind.variation.sudden and instant:
+        at = ", ".join(common.value_line(n, short[n]) for n in instant)
+        return f"{_sized(short, kind, contribution)}, {at}"
+    coded = [in_words(n, v.value) for n, v in f.parameters.items() if v.unit != "1"]
+    if said := [x for x in coded if x]:  # a code in the place of a number
+        return ", ".join([*(common.value_line(n, v) for n, v in [*short.items()][:1]), *said])
+    return _sized(short, kind, contribution)
+
+
+def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
+    """The same of what is no wave: values by their short names."""
     # a share of one says nothing of the size: that of a delay or a gap is in its shape
     own = [n for p in kind.params for n in short if n.split("[")[0] == p.name]
     sized = [n for n in own if not (n == "a" and short[n].unit == "1" and kind.shape)]
@@ -245,7 +257,9 @@ def _wave(f: Finding) -> str:
     """Amplitude and period of the strongest harmonic of a wave; empty where it is none."""
     short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
     kind = catalogue.get(f.effect)
-    names = [p.name for p in kind.params]
+    # where every run has its own coefficients, those of the first one that has both
+    run = next((f"[{n.partition('[')[2]}" for n in short if "[" in n), "")
+    names = [p.name + run for p in kind.params]
     number = next((p.name for p in kind.shape if p.unit in ("1/{x}", "Hz")), "")
     waves = isinstance(kind.search, Waves | Lines)
     if not waves or not names or len(names) % 2 or not {number, *names} <= set(short):
@@ -258,7 +272,7 @@ def _wave(f: Finding) -> str:
         return ""
     # A = |(s, c)|,   se(A) = |(s se_s, c se_c)| / A
     error = math.hypot(s.value * s.stderr, c.value * c.stderr) / sizes[k]
-    size = common.value_line("amplitude", Value(sizes[k], error, s.unit))
+    size = common.value_line(f"amplitude{run}", Value(sizes[k], error, s.unit))
     unit = short[number].unit.removeprefix("1/").replace("Hz", "s")
     return f"{size}, period = {1 / (short[number].value * (k + 1)):.4g} {unit}"
 

@@ -145,6 +145,25 @@ NAN = float("nan")
             {"a": (0.3, 0.03, "N m"), "b": (0.4, 0.03, "N m"), "f": (4.0, 0.01, "Hz")},
             "amplitude = 0.5 +- 0.03 N m, period = 0.25 s",
         ),
+        (  # every run has its own
+            "periodic-disturbance",
+            {
+                **{"a[mon]": (0.3, 0.03, "N m"), "b[mon]": (0.4, 0.03, "N m")},
+                **{"a[tue]": (0.1, 0.03, "N m"), "b[tue]": (0.9, 0.03, "N m")},
+                "f": (4.0, 0.01, "Hz"),
+            },
+            "amplitude[mon] = 0.5 +- 0.03 N m, period = 0.25 s",
+        ),
+        (
+            "payload-change",
+            {"m": (0.7, 0.002, "kg"), "mx": (0.0, 0.01, "kg m"), "t0": (9.7, 1e-3, "s")},
+            "m = 0.7 +- 0.002 kg, t0 = 9.7 +- 0.001 s",
+        ),
+        (
+            "missed-counts",
+            {"a[mon]": (1.001, 0.002, "1"), "t0": (0.0, NAN, "s")},
+            "a[mon] = 1.001 +- 0.002, at the jumps that are recorded",
+        ),
         (
             "stribeck",
             {"fs": (0.9, 0.6, "N m"), "vs": (0.06, 0.001, "rad/s"), "n": (2.0, NAN, "1")},
