@@ -27,7 +27,7 @@ from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
 from hil.record import datasets
-from hil.record.bags import is_bag, read_bag
+from hil.record.bags import is_bag, is_dataset, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
@@ -37,7 +37,7 @@ from hil.record.mapfile import Rule, TableMap, builtin_maps, parse_map, read_map
 from hil.record.mcap_read import changed
 from hil.record.recording import BEGAN, BEGAN_BY, TAGS, Recording, tag_record
 from hil.record.sources import importable
-from hil.record.table_files import ForeignTable, is_dataset, open_table, run_names
+from hil.record.table_files import ForeignTable, open_table, run_names
 from hil.record.tables import Imported, import_table
 from hil.record.text_tables import PACKED
 from hil.record.units import axes_unit, epoch_unit

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
+from hil.record.bags import is_dataset
 from hil.record.foreign import BINARY, Array, Arrays, read_arrays
 from hil.record.readers import NUMBERS
 from hil.record.text_tables import MOST_COLUMNS, PACKED, is_text, read_text_table
@@ -391,11 +392,6 @@ def _picker(
 
 
 # ------------------------------------------------------------ data sets of LeRobot
-
-
-def is_dataset(path: Path) -> bool:
-    """Whether a folder holds a LeRobot data set (format 2 or 3)."""
-    return path.is_dir() and (path / "meta" / "info.json").is_file()
 
 
 def _episodes(folder: Path) -> dict[str, tuple[Path, int]]:
