@@ -80,7 +80,7 @@ class TorqueGain(Effect):
     doc = Doc(
         equation="tau = (1 + g) load  (g = 1/kappa - 1, load = rigid body less external effort)",
         signature="residual proportional to everything the motor carries, external force included",
-        confused_with=("rigid-body", "payload", "load-friction"),
+        confused_with=("rigid-body", "payload", "load-friction", "gain-drift"),
         shown_by="hand force and motor effort together, or a known payload",
         source="Naerum thesis 3.1.3 (motor constants by manual excitation)",
         shown=Sight.FORCE,
@@ -333,7 +333,7 @@ class TorqueSaturation(Effect):
             "tau = model + a (tau - s(tau)),  s = tau / (1 + |tau/L|^p)^(1/p) or clip(tau, -L, L)"
         ),
         signature="what is missing grows with the command beyond a limit, in both directions",
-        confused_with=("load-friction", "torque-gain", "actuator-lag"),
+        confused_with=("load-friction", "torque-gain", "gain-drift", "actuator-lag"),
         shown_by="the same motion slower, or with less load: what the limit cuts off is gone",
         source=(
             "Krause, Wasynczuk, Sudhoff, Pekarek, Analysis of Electric Machinery, 2013 (saturation)"

@@ -1,4 +1,4 @@
-"""What changes with time and not with the motion: friction or an offset that drifts, a hum."""
+"""What changes with time and not with the motion: friction, offsets, gains that drift, a hum."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class FrictionDrift(Effect):
             "s = temperature - 25 degC, or T s' + s = |v| (warmed by the motion)"
         ),
         signature="friction at the end of the run differs from that at its start, at all speeds",
-        confused_with=("load-friction", "coulomb", "viscous"),
+        confused_with=("load-friction", "coulomb", "viscous", "gain-drift"),
         shown_by="the same motion at the start and at the end of a long run",
         source=(
             "Bittencourt, Axelsson, Jung, Brogardh, IFAC World Congress 2011; Maxon: winding 12 s"
@@ -185,7 +185,7 @@ class OffsetDrift(Effect):
             "or s = temperature - 25 degC, the same for all runs"
         ),
         signature="the residual's mean wanders with time, moving or at rest",
-        confused_with=("torque-offset", "friction-drift", "payload-change"),
+        confused_with=("torque-offset", "friction-drift", "gain-drift", "payload-change"),
         shown_by="the same rest at the start and at the end of a long run",
         source="International Vocabulary of Metrology, JCGM 200:2012, 4.21 (instrumental drift)",
         shown=Sight.MINUTES,
@@ -209,6 +209,73 @@ class OffsetDrift(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Progress of the drift s."""
         return _warmth(motion, j, shape)[:, None]
+
+
+#: Least change of a gain within the run that is one, and the largest that warming makes.  Magnets
+#: lose 0.1 to 0.2 % a kelvin, and a motor that may be used warms by less than 130 K.  The least
+#: one halved: what a model lacks of the load by chance is a drift; doubled: a motor that warms by
+#: 10 K goes unnamed.  The largest halved: ferrite that gets hot goes unnamed; doubled: a load that
+#: is put down is a motor that weakens.
+GAIN_CHANGES, MOST_GAIN_CHANGES = 0.015, 0.5
+
+
+def _gain_drifts(f: Fitted) -> bool:
+    """The gain changes within the run by more than chance, and by no more than warming makes."""
+    course = f.beta[0] * _warmth(f.motion, f.j, f.shape)
+    doubt = f.slack[0] / max(abs(f.beta[0]), 1e-12)
+    change = float(np.ptp(course))
+    return change * (1.0 + doubt) > GAIN_CHANGES and change * (1.0 - doubt) < MOST_GAIN_CHANGES
+
+
+def _gain_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """A gain that changes at once, at the end of each of some parts of the run."""
+    effort = motion.driven(j)[:, None]
+    return [part * effort for part in _offset_drift_foils(motion, j, shape)]
+
+
+class GainDrift(Effect):
+    """Efforts whose scale changes with time or temperature: magnets that weaken as they warm."""
+
+    name, family = "gain-drift", "actuator"
+    doc = Doc(
+        equation=(
+            "tau = model + g s tau,  s = 1 - exp(-t / T)  (t since the start of the run), "
+            "or s = temperature - 25 degC, the same for all runs"
+        ),
+        signature="the residual grows with time and is proportional to all that the motor carries",
+        confused_with=(
+            "offset-drift",
+            "friction-drift",
+            "payload-change",
+            "torque-saturation",
+            "torque-gain",
+        ),
+        shown_by="the same motion under load at the start and at the end of a long run",
+        source="Sebastian, IEEE Trans. Industry Applications 31(2), 1995 (torque of warm magnets)",
+        shown=Sight.MINUTES | Sight.LOAD,
+    )
+    params = (Param("g", "1", "share of the effort that is lost in the end, or per kelvin"),)
+    shape = _PROGRESS
+    variation = Variation(timed=_by_the_clock)
+    relations = Relations(foils=_gain_drift_foils, linear=_drift_linear)
+    search = Grid(_offset_drift_grid)
+    limits = (
+        Limit(
+            "transient",
+            _drift_lasts,
+            says="it is over within a tenth of the run, so that run began differently",
+        ),
+        Limit(
+            "size",
+            _gain_drifts,
+            says="so small a change of the gain is chance, or so large a one no warming",
+        ),
+    )
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Effort times s, as foretold: the measured one would explain its own noise."""
+        return (_warmth(motion, j, shape) * motion.driven(j))[:, None]
 
 
 def _warmed(motion: Motion, j: int, time: float) -> FloatArray:
@@ -325,4 +392,9 @@ def _steps(first: float, end: float, step: float) -> Shapes:
     return [(float(f),) for f in np.arange(first, end, step)]
 
 
-EFFECTS: tuple[Effect, ...] = (FrictionDrift(), OffsetDrift(), PeriodicDisturbance())
+EFFECTS: tuple[Effect, ...] = (
+    FrictionDrift(),
+    OffsetDrift(),
+    GainDrift(),
+    PeriodicDisturbance(),
+)

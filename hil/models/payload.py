@@ -258,7 +258,7 @@ class PayloadChange(Effect):
     doc = Doc(
         equation="tau = m J' (p'' + g e_z) for t > t0, its centre m c apart from the tip",
         signature="gravity and inertia of all joints change at one instant",
-        confused_with=("missed-counts", "payload", "torque-offset"),
+        confused_with=("missed-counts", "payload", "torque-offset", "gain-drift"),
         shown_by="one recording before and one after, given as two sessions",
         source=(
             "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986 (load of a manipulator)"

@@ -26,6 +26,7 @@ RIGID = Use(
 SHAPES = {
     "friction-drift": (10.0, 0.0),
     "offset-drift": (10.0, 0.0),
+    "gain-drift": (10.0, 0.0),
     "friction-network": (1.0, 2.0, 2.0),
     "end-stop": (0.3, 1.0),
     "two-stops": (0.2, -0.1),

@@ -16,6 +16,7 @@ IMPOSSIBLE = {
     "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
     "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
     "offset-drift": ((0.2, 0.0), (0.1,)),
+    "gain-drift": ((10.0, 0.0), (0.9,)),
     "presliding": ((0.01, 0.0), (1.0, -0.5, 0.2, 0.1)),
     "elastic-transmission": ((5.0, 0.3, 0.0, 0.0), (-0.5,)),
     "hardening-cable": ((3.0, 0.5, 0.1, 0.0, 0.0), (-0.5,)),
@@ -181,6 +182,18 @@ def test_a_transient_at_the_start_is_no_drift() -> None:
     assert allowed("friction-drift", (8.0, 0.0), (-0.2, 0.0))
     assert allowed("friction-drift", (60.0, 0.0), (-0.2, 0.0))
     assert not allowed("friction-drift", (2.0, 0.0), (-0.2, 0.0))
+    assert not allowed("gain-drift", (2.0, 0.0), (0.1,))
+
+
+def test_a_gain_drifts_by_what_warming_makes_of_it() -> None:
+    assert allowed("gain-drift", (8.0, 0.0), (0.1,))
+    assert allowed("gain-drift", (60.0, 0.0), (-0.3,))
+    assert not allowed("gain-drift", (8.0, 0.0), (0.01,), (1e-4,))
+    # a linear one of which the run shows a quarter
+    assert allowed("gain-drift", (60.0, 0.0), (1.2,))
+    assert not allowed("gain-drift", (60.0, 0.0), (0.03,), (1e-4,))
+    assert not allowed("gain-drift", (8.0, 0.0), (0.7,), (0.01,))
+    assert allowed("gain-drift", (8.0, 0.0), (0.7,), (0.2,))
 
 
 @pytest.mark.parametrize(

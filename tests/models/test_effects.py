@@ -177,6 +177,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
     "cogging": ((2.3,), lambda m, i, j, s: waves(m.q[i, j], s[0])),
     "second-cogging": ((2.3,), lambda m, i, j, s: waves(m.q[i, j], s[0])),
     "asymmetric-gain": ((), lambda m, i, j, s: [abs(m.tau[i, j])]),
+    "gain-drift": ((0.3, 0.0), lambda m, i, j, s: [(1 - exp(-m.t[i] / s[0])) * m.tau[i, j]]),
     "contact-stiffness": (
         (0.3, -1.0),
         lambda m, i, j, s: [-s[1] * max(0.0, s[1] * (m.q[i, j] - s[0]))],
