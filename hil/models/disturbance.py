@@ -79,8 +79,9 @@ def _offset_drift_grid(motion: Motion, j: int) -> Shapes:
     return [s for s in _friction_drift_grid(motion, j) if s[1] != OWN_MOTION]
 
 
-#: What drifts with: the time since the start, the thermometer, the motion that warms the joint.
-CLOCK, THERMOMETER, OWN_MOTION = 0.0, 1.0, 2.0
+#: What drifts with: the time since the start, the thermometer, the motion that warms the joint, the
+#: losses of its winding.
+CLOCK, THERMOMETER, OWN_MOTION, OWN_EFFORT = 0.0, 1.0, 2.0, 3.0
 
 
 def _by_the_clock(shape: Sequence[float]) -> bool:
@@ -94,13 +95,14 @@ _PROGRESS = (
     Param(
         "of",
         "1",
-        "0: time; 1: measured motor temperature; 2: the joint's own motion",
+        "0: time; 1: measured motor temperature; 2: the joint's own motion; 3: its squared effort",
         0.0,
-        2.0,
+        3.0,
         codes=(
             (CLOCK, "over time"),
             (THERMOMETER, "over measured motor temperature"),
             (OWN_MOTION, "warmed by the joint's own motion"),
+            (OWN_EFFORT, "warmed by the joint's own effort"),
         ),
         choice=True,
     ),
@@ -233,6 +235,12 @@ def _gain_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequenc
     return [part * effort for part in _offset_drift_foils(motion, j, shape)]
 
 
+def _gain_drift_grid(motion: Motion, j: int) -> Shapes:
+    """The same with the effort that warms the winding in the place of the motion."""
+    warm = _friction_drift_grid(motion, j)
+    return [(x, OWN_EFFORT if of == OWN_MOTION else of) for x, of in warm]
+
+
 class GainDrift(Effect):
     """Efforts whose scale changes with time or temperature: magnets that weaken as they warm."""
 
@@ -240,7 +248,7 @@ class GainDrift(Effect):
     doc = Doc(
         equation=(
             "tau = model + g s tau,  s = 1 - exp(-t / T)  (t since the start of the run), "
-            "or s = temperature - 25 degC, the same for all runs"
+            "s = temperature - 25 degC, or T s' + s = tau^2 (warmed by its losses)"
         ),
         signature="the residual grows with time and is proportional to all that the motor carries",
         confused_with=(
@@ -254,11 +262,17 @@ class GainDrift(Effect):
         source="Sebastian, IEEE Trans. Industry Applications 31(2), 1995 (torque of warm magnets)",
         shown=Sight.MINUTES | Sight.LOAD,
     )
-    params = (Param("g", "1", "share of the effort that is lost in the end, or per kelvin"),)
+    params = (
+        Param(
+            "g",
+            "1",
+            "share of the effort lost: in all, per kelvin, or per unit of the mean squared effort",
+        ),
+    )
     shape = _PROGRESS
     variation = Variation(timed=_by_the_clock)
     relations = Relations(foils=_gain_drift_foils, linear=_drift_linear)
-    search = Grid(_offset_drift_grid)
+    search = Grid(_gain_drift_grid)
     limits = (
         Limit(
             "transient",
@@ -278,23 +292,25 @@ class GainDrift(Effect):
         return (_warmth(motion, j, shape) * motion.driven(j))[:, None]
 
 
-def _warmed(motion: Motion, j: int, time: float) -> FloatArray:
-    """Mean speed of the last while, from cold at the start of the run (n,): rubbing warms.
+def _warmed(heat: FloatArray, motion: Motion, time: float) -> FloatArray:
+    """Mean heat (n,) of the last while, from cold at the start of the run (n,).
 
     What comes after a gap begins as if the joint had moved before as it does on average.
     """
-    speed, since = np.abs(motion.qd[:, j]), motion.since
-    begins = -float(np.mean(speed)) * float(np.expm1(-since[0] / time))
-    # T s' + s = |v|
-    moved = lag(speed, motion.dt, time)
-    out: FloatArray = moved + (begins - speed[0]) * np.exp(-(since - since[0]) / time)
+    since = motion.since
+    begins = -float(np.mean(heat)) * float(np.expm1(-since[0] / time))
+    # T s' + s = heat
+    kept = lag(heat, motion.dt, time)
+    out: FloatArray = kept + (begins - heat[0]) * np.exp(-(since - since[0]) / time)
     return out
 
 
 def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     """Progress of a drift s (n,)."""
     if shape[1] == OWN_MOTION:
-        return _warmed(motion, j, float(shape[0]))
+        return _warmed(np.abs(motion.qd[:, j]), motion, float(shape[0]))
+    if shape[1] == OWN_EFFORT:
+        return _warmed(motion.driven(j) ** 2, motion, float(shape[0]))
     if shape[1] and motion.temperature.shape == motion.q.shape:
         # a machine that is switched on warm is warm: no run has a zero of its own
         measured: FloatArray = motion.temperature[:, j] - ROOM
