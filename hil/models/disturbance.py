@@ -260,7 +260,7 @@ class GainDrift(Effect):
         ),
         shown_by="the same motion under load at the start and at the end of a long run",
         source="Sebastian, IEEE Trans. Industry Applications 31(2), 1995 (torque of warm magnets)",
-        shown=Sight.MINUTES | Sight.LOAD,
+        shown=Sight.MINUTES,
     )
     params = (
         Param(
