@@ -502,7 +502,7 @@ DRIVES: dict[str, Callable[[Place], Drive]] = {
     "torque-crosstalk": crosstalk,
     "actuator-lag": lag,
     "delay": delay,
-    "outside-warm-gain": warm_gain,
+    "gain-drift": warm_gain,
 }
 
 

@@ -58,7 +58,7 @@ RANGES = {
     "joint-zero": (0.0, 5.0),
     "joint-ratio": (0.0, 3.0),
     "load-friction": (0.0, 8.0),
-    "outside-warm-gain": (0.0, 8.0),
+    "gain-drift": (0.0, 8.0),
     "filter-lag": (0.1, 6.0),
 }
 
@@ -73,7 +73,7 @@ LATER = (
     "joint-ratio",
 )
 #: Laws that had no name then: they keep their numbers.
-UNNAMED = {"dead-zone": "outside-dead-zone"}
+UNNAMED = {"dead-zone": "outside-dead-zone", "gain-drift": "outside-warm-gain"}
 
 NAMES = sorted(
     {"payload-change"}.union(
