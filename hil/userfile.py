@@ -151,3 +151,8 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def _deep() -> str:
     return f"tables or lists nest deeper than {DEEPEST}"
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder holds a LeRobot data set (format 2 or 3)."""
+    return path.is_dir() and (path / "meta" / "info.json").is_file()

@@ -77,14 +77,14 @@ from hil.models import catalogue
 from hil.models.model import RobotModel, base_model
 from hil.models.motion import Motion
 from hil.models.robots import Robot, bare_robot
-from hil.record.bags import is_bag, is_dataset
+from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
 from hil.record.sources import load_sources
 from hil.record.table_files import FORMATS, ending
 from hil.record.urdf_joints import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
-from hil.userfile import read_text
+from hil.userfile import is_dataset, read_text
 
 #: Share of a joint's range that encoders resolve where nothing is known.
 RESOLUTION = 1e-4

@@ -27,7 +27,7 @@ from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.robots import make_robot, undescribed
 from hil.record import datasets
-from hil.record.bags import is_bag, is_dataset, read_bag
+from hil.record.bags import is_bag, read_bag
 from hil.record.checks import check, column_unit, columns, joint_units
 from hil.record.consistency import DataFault
 from hil.record.export import write_recordings
@@ -41,7 +41,7 @@ from hil.record.table_files import ForeignTable, open_table, run_names
 from hil.record.tables import Imported, import_table
 from hil.record.text_tables import PACKED
 from hil.record.units import axes_unit, epoch_unit
-from hil.userfile import parse_toml, read_text, write_text
+from hil.userfile import is_dataset, parse_toml, read_text, write_text
 
 
 def as_dict(output: Path, found: Imported, model: tuple[Path, bool]) -> dict[str, object]:

@@ -230,9 +230,9 @@ def _gain_drifts(f: Fitted) -> bool:
 
 
 def _gain_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
-    """A gain that changes at once, at the end of each of some parts of the run."""
-    effort = motion.driven(j)[:, None]
-    return [part * effort for part in _offset_drift_foils(motion, j, shape)]
+    """A gain or an inertia that changes at once, at the end of each of some parts of the run."""
+    parts = _offset_drift_foils(motion, j, shape)
+    return [part * x[:, None] for x in (motion.driven(j), motion.qdd[:, j]) for part in parts]
 
 
 def _gain_drift_grid(motion: Motion, j: int) -> Shapes:

@@ -130,11 +130,6 @@ class _Bag:
     unnamed: Mapping[str, list[str]]
 
 
-def is_dataset(path: Path) -> bool:
-    """Whether a folder holds a LeRobot data set (format 2 or 3)."""
-    return path.is_dir() and (path / "meta" / "info.json").is_file()
-
-
 def is_bag(path: str | Path) -> bool:
     """Whether a path is a ROS bag: by ending or folder, or an MCAP file that is no session."""
     path = Path(path)

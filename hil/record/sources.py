@@ -18,11 +18,11 @@ import numpy as np
 from hil.errors import ConfigError, DataError, families, listed_names, plural
 from hil.record import mcap_read
 from hil.record.arrays import lock_positions, sample_rate
-from hil.record.bags import BagChoice, TableChoice, is_bag, is_dataset, read_bag
+from hil.record.bags import BagChoice, TableChoice, is_bag, read_bag
 from hil.record.container import MAGIC
 from hil.record.locked import arm_joints, free_joints, locked_urdf, refuse_beyond
 from hil.record.recording import BEGAN, EFFORT_STEP, LOCKED, SIGNAL, STATED, Recording, RobotSource
-from hil.userfile import read_text
+from hil.userfile import is_dataset, read_text
 
 #: A joint that stands elsewhere by more [rad or m] makes another robot of a run.
 ELSEWHERE = 0.05
