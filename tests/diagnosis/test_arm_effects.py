@@ -45,6 +45,7 @@ def test_a_spring_is_as_stiff_in_another_run_in_another_posture():
         assert all(after < 0.35 * before)
 
 
+@pytest.mark.slow
 def test_a_play_before_a_link_has_its_motor_on_the_other_side():
     homes = ((0.0, 0.2, 0.3), (0.0, -0.6, 1.6))
     runs = [

@@ -234,6 +234,7 @@ def _arm(seed, push=0.0):
     return replace(run, tau=run.tau - robot.external(run.q, wrench)), wrench, robot
 
 
+@pytest.mark.slow
 def test_a_push_at_the_tip_that_nobody_measured_is_told():
     run, _, _ = _arm(1, push=6.0)
     d = hil.diagnose([run], hil.base_model(run.robot))

@@ -57,6 +57,7 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
         assert not within(delay, np.array([bound + np.copysign(1e-6, bound - 1)]))
 
 
+@pytest.mark.slow
 def test_offsets_of_all_joints_are_the_base_models() -> None:
     train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
     found = diagnose([train], base_model(train.robot), [other])

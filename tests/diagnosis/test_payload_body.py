@@ -59,6 +59,7 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
     assert np.all(last.result.rms < 1.1 * answer.floor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("d", "size", "held"),
     [

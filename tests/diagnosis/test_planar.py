@@ -67,6 +67,7 @@ def test_an_offset_is_no_change_at_the_beginning():
     assert not [text for code, text in d.warnings if code == "changed"]
 
 
+@pytest.mark.slow
 def test_an_offset_in_both_runs_is_told_from_friction_that_differs_by_direction():
     runs = [plants.planar(k, offset=(0.0, -0.2)) for k in (1, 2)]
     d = hil.diagnose(runs, hil.base_model(runs[0].robot) - "torque-offset")

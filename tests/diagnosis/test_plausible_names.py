@@ -110,6 +110,7 @@ def test_a_name_that_comes_to_nothing_beside_a_correction_does_not_stand():
     assert d.ladder[-1].heldout.rms[0] < 0.5 * d.explained.heldout.rms[0]
 
 
+@pytest.mark.slow
 def test_friction_that_builds_up_keeps_its_name_beside_that_correction():
     """Both are there: each has what the other does not follow."""
 

@@ -66,6 +66,7 @@ def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     assert found == pytest.approx(resonance, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "gravity", "frequency"),
     [

@@ -189,6 +189,7 @@ def test_a_lateness_that_is_none_is_not_told() -> None:
     assert not any(code == "late-effort" for code, _ in d.warnings)
 
 
+@pytest.mark.slow
 def test_gravity_upwards_on_one_joint_is_a_force_and_leaves_no_names(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

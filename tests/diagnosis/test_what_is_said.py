@@ -35,6 +35,7 @@ def late(tmp_path_factory):
     return d, shown.getvalue()
 
 
+@pytest.mark.slow
 def test_one_lateness_of_all_joints_is_one_cause(late):
     d, _ = late
     (sentence,) = [x for code, x in d.warnings if code == COMMON]

@@ -48,6 +48,7 @@ def test_manual_excitation_says_what_is_not_identifiable(capsys, monkeypatch, sh
         assert line in said
 
 
+@pytest.mark.slow
 def test_motor_constants_come_out_of_a_session_of_the_simulated_rig(short):
     found = manual_excitation.on_the_rig(2, 25.0)
     assert all(r.found.rank == 17 for r in found)

@@ -141,6 +141,7 @@ def test_columns_of_the_comparison_before_change_no_number(begun):
         assert with_them[part] == alone[part], part
 
 
+@pytest.mark.slow
 def test_an_effect_is_removed_from_the_joint_of_its_row_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = plants.slow_axes(1, 0.1, d=2)

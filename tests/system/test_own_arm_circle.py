@@ -35,6 +35,7 @@ def test_the_hidden_spring_is_named(circle, capsys):
     assert found[0]["confidence"] > 0.9
 
 
+@pytest.mark.slow
 def test_the_hidden_spring_is_added_and_played_for_again(circle, capsys):
     folder, rig, session = circle
     capsys.readouterr()
