@@ -197,7 +197,8 @@ def _telling(f: Finding, contribution: str = "") -> str:
         return f"{_sized(short, kind, contribution)}, {at}"
     coded = [in_words(n, v.value) for n, v in f.parameters.items() if v.unit != "1"]
     if said := [x for x in coded if x]:  # a code in the place of a number
-        return ", ".join([*(common.value_line(n, v) for n, v in [*short.items()][:1]), *said])
+        name, first = next(iter(short.items()))
+        return ", ".join([common.value_line(name, first), *said])
     return _sized(short, kind, contribution)
 
 

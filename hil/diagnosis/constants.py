@@ -93,7 +93,8 @@ WHOLE = 1 - OPEN
 #: name stands that does not explain everything, and every model has a floor of its own.
 HALF = 0.5
 #: Share of what a name does by which a free function in its place must surely do better, so that
-#: the name does not stand; and spread of times, relative to their mean, within which they are one.
+#: the name does not stand; spread of times, relative to their mean, within which they are one; and
+#: share of the time that pushes may take.
 #: From the engine before, on tuning plants and for another measure of the same.  Half: right names
 #: fall; double: laws without a name keep a wrong one.
 BEATEN = 0.2

@@ -388,6 +388,7 @@ class Worker:
         self._kept = BenchState(inputs, table=table)
         self._lock = threading.Lock()
         self._process: Any = None
+        self._answers: threading.Thread | None = None
         self._verb, self._since, self._number = "", 0.0, 0
         self._error, self._note = "", ""
         self._state: dict[str, Any] | None = None
@@ -414,7 +415,9 @@ class Worker:
             if self._process is None:
                 self._start()
             pipe = self._pipe
-        threading.Thread(target=self._wait, args=(pipe, number, words), daemon=True).start()
+        asked = (pipe, number, words)
+        self._answers = threading.Thread(target=self._wait, args=asked, daemon=True)
+        self._answers.start()
         return number
 
     def _start(self) -> None:
