@@ -89,24 +89,25 @@ def _by_the_clock(shape: Sequence[float]) -> bool:
     return shape[1] == CLOCK
 
 
-#: Shape of what drifts: how fast, and with what.
-_PROGRESS = (
-    Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
-    Param(
-        "of",
-        "1",
-        "0: time; 1: measured motor temperature; 2: the joint's own motion; 3: its squared effort",
-        0.0,
-        3.0,
-        codes=(
-            (CLOCK, "over time"),
-            (THERMOMETER, "over measured motor temperature"),
-            (OWN_MOTION, "warmed by the joint's own motion"),
-            (OWN_EFFORT, "warmed by the joint's own effort"),
+def _progress(*own: tuple[float, str, str]) -> tuple[Param, Param]:
+    """Shape of what drifts: how fast, and with what; its own heat by number, name and words."""
+    heats = "".join(f"; {code:g}: {what}" for code, what, _ in own)
+    return (
+        Param("T", "s", "time constant; much longer than the run: a linear drift", 0.0, size=True),
+        Param(
+            "of",
+            "1",
+            f"0: time; 1: measured motor temperature{heats}",
+            CLOCK,
+            max([THERMOMETER, *(code for code, _, _ in own)]),
+            codes=(
+                (CLOCK, "over time"),
+                (THERMOMETER, "over measured motor temperature"),
+                *((code, words) for code, _, words in own),
+            ),
+            choice=True,
         ),
-        choice=True,
-    ),
-)
+    )
 
 
 def _drift_linear(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray | None:
@@ -119,6 +120,14 @@ def _friction_drift_foils(motion: Motion, j: int, shape: Sequence[float]) -> Seq
     part = LAW_PARTS * motion.since / max(float(motion.since[-1]), 1e-9)
     rubs = np.stack([motion.sign(j), motion.qd[:, j]], axis=1)
     return [(part > k)[:, None] * rubs for k in np.arange(0.5, LAW_PARTS, 0.5)]
+
+
+#: What no drift is.
+_TRANSIENT = Limit(
+    "transient",
+    _drift_lasts,
+    says="it is over within a tenth of the run, so that run began differently",
+)
 
 
 class FrictionDrift(Effect):
@@ -152,17 +161,11 @@ class FrictionDrift(Effect):
             "change of viscous friction: in all, per kelvin, or per unit of the mean speed",
         ),
     )
-    shape = _PROGRESS
+    shape = _progress((OWN_MOTION, "the joint's own motion", "warmed by the joint's own motion"))
     variation = Variation(timed=_by_the_clock)
     relations = Relations(foils=_friction_drift_foils, linear=_drift_linear)
     search = Grid(_friction_drift_grid)
-    limits = (
-        Limit(
-            "transient",
-            _drift_lasts,
-            says="it is over within a tenth of the run, so that run began differently",
-        ),
-    )
+    limits = (_TRANSIENT,)
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -194,18 +197,12 @@ class OffsetDrift(Effect):
         over=Over.TIME,
     )
     params = (Param("d0", "{F}", "change of the offset, per kelvin in the second form"),)
-    shape = _PROGRESS
+    shape = _progress()
     variation = Variation(timed=_by_the_clock)
     scope = Scope(explains=("motor", "external"))
     relations = Relations(foils=_offset_drift_foils, linear=_drift_linear)
     search = Grid(_offset_drift_grid)
-    limits = (
-        Limit(
-            "transient",
-            _drift_lasts,
-            says="it is over within a tenth of the run, so that run began differently",
-        ),
-    )
+    limits = (_TRANSIENT,)
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -261,6 +258,7 @@ class GainDrift(Effect):
         shown_by="the same motion under load at the start and at the end of a long run",
         source="Sebastian, IEEE Trans. Industry Applications 31(2), 1995 (torque of warm magnets)",
         shown=Sight.MINUTES,
+        over=Over.TIME,
     )
     params = (
         Param(
@@ -269,16 +267,12 @@ class GainDrift(Effect):
             "share of the effort lost: in all, per kelvin, or per unit of the mean squared effort",
         ),
     )
-    shape = _PROGRESS
+    shape = _progress((OWN_EFFORT, "its squared effort", "warmed by the joint's own effort"))
     variation = Variation(timed=_by_the_clock)
     relations = Relations(foils=_gain_drift_foils, linear=_drift_linear)
     search = Grid(_gain_drift_grid)
     limits = (
-        Limit(
-            "transient",
-            _drift_lasts,
-            says="it is over within a tenth of the run, so that run began differently",
-        ),
+        _TRANSIENT,
         Limit(
             "size",
             _gain_drifts,
