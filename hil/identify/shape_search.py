@@ -160,6 +160,7 @@ def _by_users(problem: Problem, others: list[Term], sigma: FloatArray, dry: Term
             *ends,
             xtol=PAIR_CLOSE,
             maxfun=USER_STEPS,
+            disp=0,  # near enough is enough: no warning where it stops there
         )
         v0 = float(np.exp(found))
         gains[v0] = gain(v0, [dry.reshaped((v0,)), *users])

@@ -6,6 +6,7 @@ import numpy as np
 import plants
 import pytest
 
+from hil.identify import shape_search
 from hil.identify.design import Term, bind, stack
 from hil.identify.fit import fit
 from hil.identify.problem import Problem, of_model
@@ -186,3 +187,11 @@ def test_a_sign_without_friction_of_its_own_is_resolved_as_those_that_use_it_ask
     assert result.values["j1.coulomb.v0"].value == pytest.approx(v0, rel=0.1)
     assert result.values["j2.coulomb.v0"].value < 0.01
     assert np.all(result.relative < 0.1)
+
+
+def test_a_sign_that_is_sought_in_few_steps_warns_of_nothing(monkeypatch):
+    """Tests take warnings as errors: on a long recording the steps may run out."""
+    monkeypatch.setattr(shape_search, "USER_STEPS", 2)
+    run = plants.coupled_axes(0.03)
+    model = base_model(run.robot) + "coupled-transmission"
+    assert np.all(fit(of_model([run], model), model).relative < 0.1)
