@@ -206,7 +206,7 @@ class Search(Models):
 
         Friction of bearings, grease and seals may set in over a good part of the speed.  From the
         start such a sign would imitate bristles, filters and play; so it is tried when these have
-        had their turn, beside each of them and in its place.
+        had their turn: beside all of them, in the place of all and in that of each.
 
         Returns
         -------
@@ -216,15 +216,16 @@ class Search(Models):
         return [j for j in self.moves if self._rounded(j)]
 
     def _rounded(self, j: int) -> bool:
-        """Whether joint j has a wider sign now, beside all that was found on it or but for one."""
+        """Whether joint j has a wider sign now, beside what was found on it or without some."""
         now, known = self.now, dict(self.problem.least)
-        for gone in (None, *[c for c in self.found[::-1] if c.joint == j]):
+        own = [c for c in self.found[::-1] if c.joint == j]
+        for gone in ([], *([own] if len(own) > 1 else []), *([c] for c in own)):
             rung = self._with_wider_sign(j, gone)
             if rung and self._does_better(rung, j, gone):
                 if gone:
                     self.rungs.append(rung)
-                    self.found.remove(gone)
-                    self.refused.add((gone.name, gone.term.joint))
+                    self.found = [c for c in self.found if not any(c is g for g in gone)]
+                    self.refused |= {(c.name, c.term.joint) for c in gone}
                 else:
                     rung.added = now.added
                     self.rungs[-1] = rung
@@ -235,22 +236,23 @@ class Search(Models):
         renew(now.result)
         return False
 
-    def _with_wider_sign(self, j: int, gone: Candidate | None) -> Visited | None:
-        """A wider sign on joint j, beside all or without an effect; None where none is wider."""
+    def _with_wider_sign(self, j: int, gone: Sequence[Candidate]) -> Visited | None:
+        """A wider sign on joint j, beside all or without some; None where none is wider."""
         now, label, beside = self.now, self.now.step.label, self.now.result
         renew(beside)
         if gone:
-            label = f"- {describe(gone, self.problem)}"
-            beside = self.rung(
-                label, without(beside.model, gone, self.problem), beside.sigma
-            ).result
+            label, model = f"- {describe(gone[0], self.problem)}", beside.model
+            for c in gone:
+                model = without(model, c, self.problem)
+            label += f" and {len(gone) - 1} more" if gone[1:] else ""
+            beside = self.rung(label, model, beside.sigma).result
         found = rounder(beside, j)
         if not found:
             return None
         self.problem.least.update(found)
         return self.rung(label, beside.model, now.result.sigma)
 
-    def _does_better(self, rung: Visited, j: int, gone: Candidate | None) -> bool:
+    def _does_better(self, rung: Visited, j: int, gone: Sequence[Candidate]) -> bool:
         """Whether it lowers joint j's error clearly; in the place of an effect, at all."""
         now = self.now.errors
         sure = paired((now.squared - rung.errors.squared)[:, j]) > (0.0 if gone else RISEN)
