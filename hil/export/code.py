@@ -207,7 +207,7 @@ def _statements(content: Content, line: str, syntax: Syntax, mark: str) -> list[
     every = states(len(content.robot.joints), "q[{}]".format, "v[{}]".format, "a[{}]".format)
     for c in content.columns:
         state = {"q": f"q[{c.joint}]", "v": f"v[{c.joint}]", "a": f"a[{c.joint}]", **every}
-        state |= {"vk": f"v[{c.other}]"}
+        state |= {"qk": f"q[{c.other}]", "vk": f"v[{c.other}]"}
         term = c.written(state, syntax)
         out.append(f"{line.format(c.joint, term)}  {mark} {comment(c.effect)}")
     return out
@@ -294,7 +294,8 @@ def _write_python(content: Content, name: str, head: tuple[str, ...]) -> dict[st
 
 
 def _write_ros2(content: Content, name: str, head: tuple[str, ...]) -> dict[str, str]:
-    told = (*head, "q, v, a: state of a column's own joint; q1, v1, a1: of the first joint; ...")
+    own = "q, v, a: state of a column's own joint; qk, vk: of its joint under other_joints"
+    told = (*head, f"{own}; q1, v1, a1: of the first joint; ...")
     lines = [*(f"# {x}" for x in told), "/**:", "  ros__parameters:"]
     lines.append(f"    joints: {json.dumps(list(content.robot.joints))}")
     if tables := _tables(content):

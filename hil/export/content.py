@@ -167,7 +167,7 @@ class Column:
     known : mapping of str to float
         Names of the formula that are numbers.
     other : int
-        Joint whose speed is ``vk``; -1 = none.
+        Joint whose place is ``qk`` and whose speed ``vk``; -1 = none.
     """
 
     effect: str
@@ -243,7 +243,8 @@ class Content:
         every = formula.states(d, lambda i: q[:, i], lambda i: qd[:, i], lambda i: qdd[:, i])
         for c in self.columns:
             j, k = c.joint, max(c.other, 0)
-            state = {"q": q[:, j], "v": qd[:, j], "a": qdd[:, j], "vk": qd[:, k], **every}
+            own = {"q": q[:, j], "v": qd[:, j], "a": qdd[:, j]}
+            state = {**own, "qk": q[:, k], "vk": qd[:, k], **every}
             out[:, j] += c.value * formula.evaluate(c.text, {**c.known, **state})
         return out
 

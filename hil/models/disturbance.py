@@ -26,7 +26,7 @@ from hil.models.effect import (
 )
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
-from hil.models.parts import always
+from hil.models.parts import GAIN_CHANGES, always
 
 #: Highest frequency of a disturbance that is looked for [Hz]; the effort filter passes no more.
 FASTEST = 25.0
@@ -210,12 +210,10 @@ class OffsetDrift(Effect):
         return _warmth(motion, j, shape)[:, None]
 
 
-#: Least change of a gain within the run that is one, and the largest that warming makes.  Magnets
-#: lose 0.1 to 0.2 % a kelvin, and a motor that may be used warms by less than 130 K.  The least
-#: one halved: what a model lacks of the load by chance is a drift; doubled: a motor that warms by
-#: 10 K goes unnamed.  The largest halved: ferrite that gets hot goes unnamed; doubled: a load that
-#: is put down is a motor that weakens.
-GAIN_CHANGES, MOST_GAIN_CHANGES = 0.015, 0.5
+#: Largest change of a gain that warming makes.  Magnets lose 0.1 to 0.2 % a kelvin, and a motor
+#: that may be used warms by less than 130 K.  Halved: ferrite that gets hot goes unnamed; doubled:
+#: a load that is put down is a motor that weakens.
+MOST_GAIN_CHANGES = 0.5
 
 
 def _gain_drifts(f: Fitted) -> bool:

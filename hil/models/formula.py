@@ -4,7 +4,7 @@ A formula is one expression in the state of a joint,
 
     q, v, a           position, speed, acceleration
     sign, v0          tanh(v / v0), and the speed over which that is resolved
-    vk, v0k           speed and resolution of the other joint, where the shape names one
+    qk, vk, v0k       place, speed and resolution of the other joint, where the shape names one
     q1, v1, a1, ...   position, speed and acceleration of the joint of that number
     low, high         ends of the recorded span
     pi                and the effect's own shape values, by name
@@ -41,7 +41,7 @@ FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
     "min": np.minimum,
 }
 #: What changes from instant to instant; every other name is a number of the model.
-STATE = ("q", "v", "a", "vk")
+STATE = ("q", "v", "a", "qk", "vk")
 _NUMBERED = re.compile(r"[qva][1-9][0-9]*")
 _SIGN = "tanh(v / v0)"
 _OPERATORS: dict[type[ast.operator], tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] = {

@@ -1,6 +1,6 @@
 """Friction as a function of speed and position.
 
-Friction set by more than the own speed: by the load, or by another joint's motion.
+Friction set by more than the own speed: by the load, or by another joint's motion or place.
 """
 
 from __future__ import annotations
@@ -563,6 +563,75 @@ class CoupledFriction(Effect):
         return np.stack([motion.sign_of(w, slope, v0), w], axis=1)
 
 
+#: Places over another joint's range from which its bend may count.  Half: the climb ends beside a
+#: kink that lies between two of them; double: twice the time, and it finds the same one.
+PLACES = 9
+
+
+def _posture_friction_grid(motion: Motion, j: int) -> Shapes:
+    """Places over the range of every other joint that moves, both ends among them."""
+    ranges = [(k, *motion.span[k]) for k in _others(motion, j)]
+    return [
+        (float(q0), k + 1.0) for k, low, high in ranges for q0 in np.linspace(low, high, PLACES)
+    ]
+
+
+def _others(motion: Motion, j: int) -> list[int]:
+    """The other joints that move."""
+    return [k for k in range(motion.d) if k != j and motion.span[k, 1] > motion.span[k, 0]]
+
+
+def _no_other(motion: Motion, j: int) -> str:
+    """Why there is no other joint's position to follow; empty where there is."""
+    return one_joint(motion, j) or ("" if _others(motion, j) else "no other joint moves")
+
+
+def _posture_friction_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """Viscous friction that varies with the other joint, and an effort that does not turn."""
+    bends, v = _bends(motion, shape), motion.qd[:, j : j + 1]
+    return [bends * v, bends]
+
+
+def _bends(motion: Motion, shape: Sequence[float]) -> FloatArray:
+    """[|q_k - q0|, (q_k - q0)^2], shape (n, 2)."""
+    away = np.abs(motion.q[:, int(shape[1]) - 1] - shape[0])
+    return np.stack([away, away * away], axis=1)
+
+
+class PostureFriction(Effect):
+    """Friction that varies with another joint's position: its bend presses this joint's cable."""
+
+    name, family = "posture-friction", "friction"
+    doc = Doc(
+        equation="tau = tanh(v / v0) (b |q_k - q0| + c (q_k - q0)^2)",
+        signature="the friction's size follows another joint's position, its sign the own speed",
+        confused_with=("load-friction", "position-friction", "coupled-friction"),
+        shown_by="one joint moves to and fro while another one stands at several places",
+        source=(
+            "Kaneko, Wada, Maekawa, Tanie, IEEE ICRA, 1991; Palli, Borghesan, Melchiorri, IEEE "
+            "Trans. Robotics 28(2), 2012 (friction of a tendon grows with the angle of its bends); "
+            "the polynomial is a choice of form"
+        ),
+        shown=Sight.REVERSALS,
+        formulas=("sign * abs(qk - q0)", "sign * (qk - q0) ** 2"),
+    )
+    params = (
+        Param("b", "{F}/{x}", "friction per angle of the bend"),
+        Param("c", "{F}/{x}^2", "friction per square of it"),
+    )
+    shape = (
+        Param("q0", "{x}", "the other joint's position from which the bend counts"),
+        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
+    )
+    relations = Relations(foils=_posture_friction_foils)
+    scope = Scope(lacks=_no_other)
+    search = Grid(_posture_friction_grid)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """tanh(v / v0) times [|q_k - q0|, (q_k - q0)^2]."""
+        return motion.sign(j)[:, None] * _bends(motion, shape)
+
+
 EFFECTS = (
     Coulomb(),
     Viscous(),
@@ -575,4 +644,5 @@ EFFECTS = (
     LocalFriction(),
     LoadFriction(),
     CoupledFriction(),
+    PostureFriction(),
 )

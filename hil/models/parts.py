@@ -53,6 +53,8 @@ class Param:
     tuned : bool
         Whether a further shape value goes to the joint optimum with everything else, where it is
         not zero (which stands for: not there); the first one of a range always does.
+    usual : float or None
+        What a shape value is where a model does not say it; None: it is searched.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Param:
     choice: bool = False
     size: bool = False
     tuned: bool = False
+    usual: float | None = None
 
     def words(self, value: float, joints: tuple[str, ...] = ()) -> str:
         """Words for a value; empty where the number says all.
@@ -92,6 +95,10 @@ SOLID = ("mass", "stiffness")
 VALUE_DEVIATIONS = 2.0
 #: Share of the motor's effort from which an external one tells a late motion from a late command.
 TELLING_PUSH = 0.1
+#: Least change of a gain within the run that is one.  Halved: what a model lacks of the load by
+#: chance is a change; doubled: a motor that warms by 10 K, or weakens by 2 % at its top speed, goes
+#: unnamed.
+GAIN_CHANGES = 0.015
 #: The instance that declares no shape parameters has one shape, an empty one.
 _EMPTY: Shapes = [()]
 

@@ -142,6 +142,7 @@ class TorqueRipple(Effect):
     )
     params = tuple(Param(n, "1", "relative amplitude") for n in ("a1", "b1", "a2", "b2"))
     shape = (Param("p", "1/{x}", "periods per unit of position", 0.0, size=True),)
+    relations = Relations(causes=("gain-over-place",))
     search = Waves(_torque_ripple_grid, carrier=_torque_ripple_carrier, at_resolution=True)
     limits = (
         Limit("broken", _torque_ripple_ripples, says="the motor constant would change its sign"),

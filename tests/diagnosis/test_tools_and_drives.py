@@ -5,6 +5,7 @@ import plants
 import pytest
 
 import hil
+from hil.models.actuator import OF_PLACE, OF_SPEED
 
 TONES = 2 * np.pi * np.array([0.13, 0.31, 0.83, 1.7])
 SIZES = np.array([0.6, 0.3, 0.12, 0.05])
@@ -58,10 +59,31 @@ def test_an_offset_of_the_current_is_no_gain_of_one_direction():
 
 
 def test_a_motor_constant_that_falls_towards_both_ends():
-    """One period over the range is enough: a voice coil leaves its magnet."""
+    """A voice coil leaves its magnet."""
     d = diagnosed(lambda q, v, a: carried(q, v, a) / (1 - 0.3 * (q / 0.9) ** 2))
-    assert names(d) == {"torque-ripple"}
+    assert names(d) == {"varying-gain"}
+    found = d.findings[0]
+    assert found.confidence > 0.95
+    assert found.parameters["j1.varying-gain.of"].value == OF_PLACE
+    assert found.parameters["j1.varying-gain.g"].value == pytest.approx(0.3 / 0.81, rel=0.03)
+    assert found.parameters["j1.varying-gain.q0"].value == pytest.approx(0.0, abs=0.02)
     assert d.ladder[1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
+
+
+def test_a_motor_that_weakens_at_speed():
+    """Its voltage has a limit: some of it is spent on the back EMF."""
+    d = diagnosed(lambda q, v, a: (carried(q, v, a) + np.cos(q)) / (1 - 0.05 * np.abs(v)))
+    assert names(d) >= {"varying-gain"}
+    found = next(f for f in d.findings if f.effect == "varying-gain")
+    assert found.confidence > 0.95
+    assert found.parameters["j1.varying-gain.of"].value == OF_SPEED
+    assert found.parameters["j1.varying-gain.g"].value == pytest.approx(0.05, rel=0.05)
+
+
+def test_friction_and_drag_are_no_gain_that_varies():
+    for extra in (lambda v: 0.1 * v * np.abs(v), lambda v: 0.1 * np.abs(v)):
+        d = diagnosed(lambda q, v, a, extra=extra: carried(q, v, a) + extra(v))
+        assert names(d) <= {"quadratic-drag", "asymmetric-viscous"} and d.findings
 
 
 def test_a_smooth_change_over_the_position_is_no_cogging():

@@ -16,7 +16,7 @@ from plants import serial_urdf
 import hil
 from hil.errors import ConfigError
 from hil.export import code
-from hil.export.content import Content, Vocabulary, translate
+from hil.export.content import Column, Content, Vocabulary, translate
 from hil.export.target import Job, get, reduced, within
 from hil.models import bodies
 from hil.models.files import read_model, write_model
@@ -141,6 +141,22 @@ def test_axes_that_do_not_feel_each_other(name):
     content, at = _content("", ("x", "y")), np.random.default_rng(0).normal(size=(5, 3, 2))
     text = get(name).write(content, "class", ())[ending]
     np.testing.assert_allclose(run(text, at).efforts, at[:, 2] * [1.0, 2.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_friction_that_follows_another_joint(name):
+    run, ending = compiled(name)
+    known = {"v0": 0.05, "q0": 0.2}
+    rubs = "sign * abs(qk - q0)", "sign * (qk - q0) ** 2", "tanh(vk / v0)"
+    columns = [Column("rubs", 0, x, 0.5 + k, known, 1) for k, x in enumerate(rubs)]
+    content, at = _content("", ("x", "y"), columns), np.random.default_rng(0).normal(size=(9, 3, 2))
+    q, v, a = at.transpose(1, 0, 2)
+    bend, sign = np.abs(q[:, 1] - 0.2), np.tanh(v[:, 0] / 0.05)
+    wanted = a * [1.0, 2.0]
+    wanted[:, 0] += sign * (0.5 * bend + 1.5 * bend**2) + 2.5 * np.tanh(v[:, 1] / 0.05)
+    text = get(name).write(content, "arm", ())[ending]
+    np.testing.assert_allclose(run(text, at).efforts, wanted, atol=1e-12)
+    np.testing.assert_allclose(content.effort(q, v, a), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", RUNNERS)

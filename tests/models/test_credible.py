@@ -27,6 +27,7 @@ IMPOSSIBLE = {
     "torque-saturation": ((1.5, 0.0), (0.3,)),
     "dead-zone": ((0.3,), (0.3,)),
     "asymmetric-gain": ((), (1.2,)),
+    "varying-gain": ((0.0, 1.0), (1.5,)),
     "cogging": ((0.1,), (0.1, 0.0, 0.0, 0.0)),
     "second-cogging": ((0.1,), (0.1, 0.0, 0.0, 0.0)),
     "torque-crosstalk": ((2.0,), (1.5,)),
@@ -39,7 +40,7 @@ IMPOSSIBLE = {
     "missed-counts": ((1.0,), (0.8,)),
     "local-friction": ((0.0, 0.5), (0.1, 0.0)),
     "coupled-spring": ((2.0, -0.1), (1.0,)),
-    "payload-change": ((1.0,), (0.2, 0.2, 0.0, 0.0)),
+    "payload-change": ((1.0, 0.0, 0.0, 0.0, 0.0), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
     "quadratic-drag": ((), (-0.1,)),
     "sublinear-viscous": ((0.2,), (0.1,)),
@@ -60,6 +61,7 @@ ANY = {
     "asymmetric-coulomb",
     "asymmetric-viscous",
     "position-friction",
+    "posture-friction",
     "torque-offset",
     "payload",
     "spring",
@@ -194,6 +196,14 @@ def test_a_gain_drifts_by_what_warming_makes_of_it() -> None:
     assert not allowed("gain-drift", (60.0, 0.0), (0.03,), (1e-4,))
     assert not allowed("gain-drift", (8.0, 0.0), (0.7,), (0.01,))
     assert allowed("gain-drift", (8.0, 0.0), (0.7,), (0.2,))
+
+
+def test_a_gain_varies_by_more_than_chance_and_leaves_something() -> None:
+    """Places lie within 1 rad, speeds within 1.3 rad/s."""
+    assert allowed("varying-gain", (0.0, 1.0), (-0.3,))
+    assert allowed("varying-gain", (0.0, 0.0), (0.1,))
+    assert not allowed("varying-gain", (0.0, 1.0), (0.01,), (1e-4,))
+    assert not allowed("varying-gain", (-1.0, 1.0), (0.3,))
 
 
 @pytest.mark.parametrize(

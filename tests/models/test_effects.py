@@ -79,6 +79,11 @@ def relative_speed(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[floa
     return [tanh(w / v0), w]
 
 
+def bent(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
+    away = m.q[i, int(s[1]) - 1] - s[0]
+    return [tanh(m.qd[i, j] / V0[j]) * x for x in (abs(away), away**2)]
+
+
 def chebyshev(m: Motion, i: int, j: int, s: tuple[float, ...]) -> list[float]:
     low, high = min(m.q[:, j]), max(m.q[:, j])
     angle = np.arccos(np.clip((m.q[i, j] - (low + high) / 2) / ((high - low) / 2), -1, 1))
@@ -154,6 +159,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [abs(m.load[i, j] - s[1] * m.qdd[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
+    "posture-friction": ((0.2, 2.0), bent),
     "presliding": ((0.3, 1.0, 0.04, 0.0), dahl),
     "armature": ((), lambda m, i, j, s: [m.qdd[i, j]]),
     "spring": (
@@ -178,6 +184,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
     "second-cogging": ((2.3,), lambda m, i, j, s: waves(m.q[i, j], s[0])),
     "asymmetric-gain": ((), lambda m, i, j, s: [abs(m.tau[i, j])]),
     "gain-drift": ((0.3, 0.0), lambda m, i, j, s: [(1 - exp(-m.t[i] / s[0])) * m.tau[i, j]]),
+    "varying-gain": ((0.4, 1.0), lambda m, i, j, s: [(m.q[i, j] - s[0]) ** 2 * m.tau[i, j]]),
     "contact-stiffness": (
         (0.3, -1.0),
         lambda m, i, j, s: [-s[1] * max(0.0, s[1] * (m.q[i, j] - s[0]))],
@@ -202,6 +209,12 @@ def test_columns_are_the_equation(name: str, j: int) -> None:
     got = catalogue.get(name).columns(motion, j, shape)
     expected = np.array([row(motion, i, j, shape) for i in range(motion.n)])
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_gain_varies_with_the_speed_where_it_has_no_place() -> None:
+    motion = motion_of(IndependentAxes(("a", "b")))
+    got = catalogue.get("varying-gain").columns(motion, 1, (0.0, 0.0))
+    np.testing.assert_allclose(got[:, 0], np.abs(motion.qd[:, 1]) * motion.tau[:, 1])
 
 
 @pytest.mark.parametrize("mode", [0.0, 1.0, -0.72, 0.075])

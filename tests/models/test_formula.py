@@ -41,7 +41,7 @@ def test_a_formula_gives_the_columns(name):
                 k = int(by_name.get(JOINT, j + 1)) - 1
                 values = {"q": motion.q[:, j], "v": motion.qd[:, j], "a": motion.qdd[:, j]}
                 values |= {"low": low, "high": high, "v0": motion.v0[j], "v0k": motion.v0[k]}
-                values |= {"vk": motion.qd[:, k]} | by_name
+                values |= {"qk": motion.q[:, k], "vk": motion.qd[:, k]} | by_name
                 columns = effect.columns(motion, j, shape)
                 texts = {p.name: x for p, x in zip(effect.params, effect.doc.formulas, strict=True)}
                 held = [texts[p.name] for p in terms_of(effect, motion, j)]

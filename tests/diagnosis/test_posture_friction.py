@@ -1,0 +1,81 @@
+"""Friction of one joint that follows where another one stands: cables that run past its bend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import plants
+import pytest
+
+import hil
+from hil.diagnosis.types import Diagnosis
+from hil.record.recording import Recording
+
+Array = np.ndarray
+TONES = 2 * np.pi * np.array([0.11, 0.27, 0.63, 1.3])
+SIZES = np.array([0.5, 0.3, 0.15, 0.05])
+#: Effort of the second joint by its path and the first one's: positions, speeds, accelerations.
+Law = Callable[[Array, Array, Array], Array]
+
+
+def dry(v: Array) -> Array:
+    return np.tanh(v / 2e-3)
+
+
+def wrist(seed: int, law: Law, seconds: float = 30.0) -> Recording:
+    """Two joints without a description; `law` is what the second one needs beside its inertia."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * 250)) / 250.0
+    q, v, a = plants.sines(
+        t, np.stack([TONES, 1.13 * TONES]), np.tile(SIZES, (2, 1)), rng.uniform(0, 6.28, (2, 4))
+    )
+    tau = 0.05 * a + 0.1 * v + 0.3 * dry(v)
+    tau[:, 1] += law(q, v, a)
+    tau = tau + 3e-3 * np.std(tau, axis=0) * rng.normal(size=tau.shape)
+    noisy = q + 2e-6 * rng.normal(size=q.shape)
+    return Recording(f"wrist{seed}", "arm", ("bend", "tool"), t, noisy, tau)
+
+
+def diagnosed(law: Law) -> Diagnosis:
+    run, hold = (wrist(seed, law) for seed in (1, 2))
+    return hil.diagnose([run], hil.base_model(run.robot), [hold])
+
+
+def bent(q: Array, v: Array, a: Array) -> Array:
+    """A capstan: friction grows exponentially with the angle of the bend past 0.2 rad."""
+    return 0.2 * np.expm1(0.5 * np.abs(q[:, 0] - 0.2)) * dry(v[:, 1])
+
+
+def test_cables_that_run_past_a_bent_joint() -> None:
+    d = diagnosed(bent)
+    (found,) = d.findings
+    assert (d.verdict, found.effect, found.joint) == ("missing-effect", "posture-friction", "tool")
+    # without a description no name is sure
+    assert found.confidence > 0.9 and found.rivals == []
+    values = found.parameters
+    assert values["j2.posture-friction.joint"].value == 1.0
+    assert values["j2.posture-friction.q0"].value == pytest.approx(0.2, abs=0.05)
+    assert values["j2.posture-friction.b"].value == pytest.approx(0.1, rel=0.2)
+    before, after = (rung.heldout.relative[1] for rung in (d.ladder[0], d.ladder[-1]))
+    assert after < before / 10
+
+
+def test_an_effort_that_follows_the_other_joint_is_no_friction() -> None:
+    """A hose between the two: its pull does not turn with the speed."""
+    d = diagnosed(lambda q, v, a: 0.15 * q[:, 0] ** 2)
+    assert "posture-friction" not in {f.effect for f in d.findings}
+
+
+def test_grease_that_is_thicker_in_one_place_is_no_dry_friction() -> None:
+    d = diagnosed(lambda q, v, a: 0.08 * np.abs(q[:, 0]) * v[:, 1])
+    assert all(f.confidence < 0.5 for f in d.findings if f.effect == "posture-friction")
+
+
+def test_friction_over_its_own_position_is_not_the_other_joints() -> None:
+    d = diagnosed(lambda q, v, a: 0.1 * q[:, 1] ** 2 * dry(v[:, 1]))
+    assert {f.effect for f in d.findings} == {"position-friction"}
+
+
+def test_nothing_is_named_where_friction_stays() -> None:
+    d = diagnosed(lambda q, v, a: 0.0 * v[:, 1])
+    assert (d.verdict, d.findings) == ("adequate", [])
