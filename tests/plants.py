@@ -1387,7 +1387,9 @@ _PICKUP = (
 LOAD, LOAD_AT, INSTANT = 0.6, np.array([0.0, 0.03, 0.06]), 8.0
 
 
-def pickup(seed: int, change: str = "load", name: str = "run") -> Recording:
+def pickup(
+    seed: int, change: str = "load", name: str = "run", at: float | None = None
+) -> Recording:
     """An arm of three joints that takes up a load, or whose second joint changes, at INSTANT."""
     rng, t = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.004)
     motion = _four_tones(rng, t, 3)
@@ -1396,7 +1398,7 @@ def pickup(seed: int, change: str = "load", name: str = "run") -> Recording:
     tip = loaded.frames[loaded.getFrameId("tip")]
     body = pin.Inertia(LOAD, LOAD_AT, 1e-4 * np.eye(3))
     loaded.appendBodyToJoint(tip.parentJoint, body, tip.placement)
-    later = t > INSTANT
+    later = t > (INSTANT if at is None else at)
     tau = _rnea(bare, motion)
     if change == "load":
         tau = np.where(later[:, None], _rnea(loaded, motion), tau)

@@ -412,7 +412,8 @@ def foils(problem: Problem, term: Term) -> list[Group]:
     """Columns of laws without a name that come close to a term's effect (`Relations.foils`)."""
     effect, j = term.effect, term.joint
     laws = [effect.relations.foils(m, j, term.shape) for m in problem.motions]
-    joint, words = (None, ROBOT) if effect.scope.whole else (j, FOIL)
+    joint = None if effect.scope.whole else j
+    words = FOIL if joint is not None or effect.scope.tip else ROBOT
     out = []
     for k, raw in enumerate(zip(*laws, strict=True)):
         columns = problem.acting(list(raw), joint)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hil.diagnosis import artefacts
 from hil.diagnosis.constants import ADEQUATE, FLOOR_SHARE, MANY_SHAPES, WORTH
 from hil.diagnosis.floor import measure
-from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.residual_tests import changes, changes_somewhere
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
 from hil.identify import screening
 from hil.identify.design import Key, Term, replaced
@@ -284,7 +284,7 @@ def _gathered(result: FitResult, seed: int) -> Evidence:
     projector = Projector(result.problem, result.terms, result.sigma)
     terms, impossible = terms_to_try(result)
     changed = changes(result, projector)
-    if not changed:
+    if not changes_somewhere(result, projector, changed):
         terms = [t for t in terms if not t.effect.variation.sudden]
     found = try_all(projector, result, terms)
     floor = measured_floor(found, projector, result)

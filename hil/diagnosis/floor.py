@@ -379,6 +379,8 @@ MAX_ROWS = 10_000
 FINE, COARSE, NEAR = 40, 12, 4
 #: Bumps over each of two joints' ranges.
 POSES = 7
+#: Short name of the functions of time, and how any set of inputs is called in an answer.
+TIME, NETWORK = "t", "network: "
 #: Fall of an error from which it is no noise.
 HIDDEN_SHARE = 1 - 1 / ADEQUATE
 #: Cosines over time; the same blocks as elsewhere are left out in turn, so it interpolates.
@@ -434,7 +436,9 @@ def foretold(result: FitResult) -> dict[int, float] | None:
     out, folds = {}, Folds(result)
     for j in np.flatnonzero(~problem.holds).tolist():
         before = max(folds.left_out(np.zeros((problem.n, 0)), j), 1e-300)
-        sets = [make for what, _, make in _sets(problem, j) if what != "t" and not _of_speeds(what)]
+        sets = [
+            make for what, _, make in _sets(problem, j) if what != TIME and not _of_speeds(what)
+        ]
         out[j] = 1.0 - min(_errors(folds, j, sets)) / before
     return out
 
@@ -491,7 +495,7 @@ def shares(found: list[Function], before: float, floor: float, joint: str) -> li
             f"{joint}: a function of {f.words} could explain {100 * share:.0f} % of the "
             "remaining error"
         )
-        out.append(Explainable(joint, f"network: {f.what}", share, text, f.words))
+        out.append(Explainable(joint, f"{NETWORK}{f.what}", share, text, f.words))
     return out
 
 
@@ -521,7 +525,7 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
             both = seen(partial(_poses, j=j, k=k))
             yield f"q of {own} and {names[k]}", f"its position and that of {names[k]}", both
     trend = seen(partial(_trend, j=j))
-    yield "t", "time (offset, dry and viscous friction that change slowly)", trend
+    yield TIME, "time (offset, dry and viscous friction that change slowly)", trend
 
 
 def _places(m: Motion, j: int) -> FloatArray:

@@ -21,7 +21,7 @@ from hil.diagnosis.evidence import EFFECT, detect, measured_floor, priced, terms
 from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
-from hil.diagnosis.residual_tests import changes
+from hil.diagnosis.residual_tests import changes, changes_somewhere
 from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step
 from hil.identify.context import renew
 from hil.identify.design import Key, Term, head, prefix
@@ -220,6 +220,8 @@ class _Beside:
     result: FitResult
     projector: Projector
     changed: tuple[Change, ...]
+    #: Whether a value changes within the runs, be it in each at an instant of its own.
+    sudden: bool
     #: Candidates by term, and whether it has values a run; None for one that has no shape here.
     rated: dict[tuple[Key, bool], Rated | None] = field(default_factory=dict)
 
@@ -336,10 +338,12 @@ class Models:
         result = self.now.result
         if self._beside is None or self._beside.result is not result:
             projector, _ = tried(result, [])
-            self._beside = _Beside(result, projector, changes(result, projector))
+            once = changes(result, projector)
+            sudden = changes_somewhere(result, projector, once)
+            self._beside = _Beside(result, projector, once, sudden)
         projector, changed = self._beside.projector, self._beside.changed
         terms, impossible = terms_to_try(result, joints, kind=kind)
-        if not changed:
+        if not self._beside.sudden:
             terms = [t for t in terms if not t.effect.variation.sudden]
         rated = self._beside.of(terms, self.split)
         found = [r.candidate for r in rated]

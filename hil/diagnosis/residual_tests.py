@@ -140,6 +140,47 @@ def _change_of(projector: Projector, result: FitResult, j: int) -> Change | None
     return Change(problem.joints[j], name, unit, run, at, value, 1 - rest / rss, rss - rest)
 
 
+def changes_somewhere(result: FitResult, projector: Projector, found: Sequence[Change]) -> bool:
+    """Whether a value changes within the runs: at one instant, or in each run at its own.
+
+    A load that every run picks up leaves steps in all of them, of which each hides the other.
+
+    Parameters
+    ----------
+    result : FitResult
+        A fit.
+    projector : Projector
+        That of the same fit.
+    found : sequence of Change
+        What `changes` found.
+    """
+    if found or result.problem.runs == 1 or result.model.explains != "motor":
+        return bool(found)
+    moves = np.flatnonzero(~result.problem.holds).tolist()
+    return any(_in_every_run(projector, result, j) for j in moves)
+
+
+def _in_every_run(projector: Projector, result: FitResult, j: int) -> bool:
+    """Whether one value of joint j that changes in every run at its best instant matters."""
+    problem, columns = result.problem, _columns(result, j)
+    rows = slice(j * problem.n, (j + 1) * problem.n)
+    r, cuts = projector.residual[rows], [c for c in _coarse(result) if c[1]]
+    parts = sorted({part for part, _ in cuts})
+    tried = len(cuts) * len(VALUES) * problem.d
+    for k in range(len(VALUES)):
+        best = [_best(projector, j, columns, [k], [c for c in cuts if c[0] == p])[3] for p in parts]
+        later = np.any([_later(problem, cut) for cut in best], axis=0)
+        own = _beside(projector, j, columns[:, k] * later)
+        left = r - own * (own @ r) / max(float(own @ own), 1e-300)
+        rss, rest = float(r @ r), float(left @ left)
+        noise = rest / max(float(problem.count[j]), 1.0) * inflation(left, problem.run)
+        # as of one change
+        chance = rss - rest < chdtri(len(parts), LEVEL / tried) * max(noise, 1e-300)
+        if not chance and rest * ADEQUATE**2 < rss:
+            return True
+    return False
+
+
 def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
     """Gain of a column (n,) of joint j that acts throughout: what an offset does is no change."""
     rows = slice(j * projector.problem.n, (j + 1) * projector.problem.n)

@@ -156,10 +156,11 @@ def _joints(use: Use, effect: Effect, problem: Problem) -> list[int]:
 
 def stored_shape(use: Use, effect: Effect, j: int, problem: Problem) -> tuple[float, ...]:
     """Shape values that the model file holds for joint j, else an empty tuple (= search)."""
-    names = [f"{head(effect, j)}.{p.name}" for p in effect.shape]
-    if not names or not all(name in use.values for name in names):
-        return ()
-    return tuple(use.values[name].value for name in names)
+    found = {p.name: use.values.get(f"{head(effect, j)}.{p.name}") for p in effect.shape}
+    values = [p.usual if (v := found[p.name]) is None else v.value for p in effect.shape]
+    said = [x for x in values if x is not None]
+    any_said = any(v is not None for v in found.values())
+    return tuple(said) if any_said and len(said) == len(values) else ()
 
 
 def block(problem: Problem, term: Term) -> FloatArray:

@@ -38,13 +38,14 @@ from hil.identify.gauss_newton import (
     standard_errors,
 )
 from hil.identify.problem import Problem
+from hil.identify.projector import Projector
 from hil.identify.regression import (
     least_squares,
     left_open,
     time_blocks,
 )
 from hil.identify.result import FitResult
-from hil.identify.shape_search import search_shapes
+from hil.identify.shape_search import best_shape, search_shapes
 from hil.identify.solve import (
     DESCRIBED,
     fit_of,
@@ -243,7 +244,7 @@ def _linear(
 def _shapes(
     problem: Problem, term: Term, found: Sequence[ShapeError], source: str
 ) -> dict[str, Value]:
-    """Shape values of a term."""
+    """Shape values of a term but for those that need not be said."""
     head = prefix(term, problem.joints)
     return {
         f"{head}.{p.name}": Value(
@@ -257,6 +258,7 @@ def _shapes(
             source,
         )
         for p, value, error in zip(term.effect.shape, term.shape, found, strict=True)
+        if value != p.usual
     }
 
 
@@ -274,7 +276,7 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
 
     The other problem must have been made with the same rates and span.  Coefficients of a
     single run (per-run offsets, a hum's phase) are estimated on the new runs, for they belong to
-    a run.
+    a run; so is the instant of what happens once in a run.
     """
     source = result.problem.motions[0]
     problem.set_context(v0=source.v0, contact=source.contact)
@@ -290,7 +292,8 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
     residual = (problem.y.reshape(-1) - x @ theta).reshape(problem.d, problem.n)
     for t in result.terms:
         if _own(t):
-            residual = _without(residual, t, problem, result.sigma)
+            own = _dated(t, problem, residual, result.sigma) if _happens(t) else t
+            residual = _without(residual, own, problem, result.sigma)
     return residual
 
 
@@ -305,6 +308,7 @@ def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
             motion = result.problem.motions[0]
             count = np.any(t.effect.columns(motion, t.joint, t.shape) != 0, axis=0)
             size = int(np.sum(np.any(count, axis=0) if t.effect.scope.whole else count))
+            size += int(_happens(t))
             joints = [] if t.effect.scope.of_robot else [t.joint]
             known = out.setdefault(t.effect.name, (size, []))
             known[1].extend(joints)
@@ -314,6 +318,21 @@ def own_values(result: FitResult) -> dict[str, tuple[int, list[int]]]:
 def _own(t: Term) -> bool:
     """Whether every run has its own coefficients."""
     return t.per_run or t.effect.variation.own(t.shape)
+
+
+def _happens(t: Term) -> bool:
+    """Whether it happens in every run at an instant of its own, which is searched."""
+    varies, search = t.effect.variation, t.effect.search
+    return varies.own(t.shape) and varies.dated(t.shape) and search.refine and bool(t.shape)
+
+
+def _dated(t: Term, problem: Problem, r: FloatArray, sigma: FloatArray) -> Term:
+    """A term that happens in every run, at the instants that explain most of r (d, n)."""
+    bare = Projector(problem, [], sigma)
+    bare.residual = (r / sigma[:, None]).reshape(-1)
+    bare.rss = float(bare.residual @ bare.residual)
+    with problem.aside():
+        return best_shape(bare, replace(t, per_run=True))[0]
 
 
 def _without(r: FloatArray, term: Term, problem: Problem, sigma: FloatArray) -> FloatArray:

@@ -267,7 +267,7 @@ class Rows:
         prepared = [
             prepare(part, self.robot, self.rates, self.span, self.explains) for part in parts
         ]
-        self.motions: list[Motion] = [motion for motion, *_ in prepared]
+        self.motions: list[Motion] = self._counted([motion for motion, *_ in prepared])
         self._still: list[FloatArray] = [still for _, still, *_ in prepared]
         self._spoilt: list[FloatArray] = [spoilt for *_, spoilt, _ in prepared]
         self._filters: list[Decimator] = [decimator for *_, decimator in prepared]
@@ -276,6 +276,13 @@ class Rows:
         self.of_instants = self.explains == "motor" and at_instants(rows)
         if self.of_instants:
             self.motions = [replace(m, average=0.0) for m in self.motions]
+
+    def _counted(self, motions: Sequence[Motion]) -> list[Motion]:
+        """Motions of the parts that know their run, and how long every run is."""
+        last = {k: float(m.since[-1]) for k, m in zip(self.whole, motions, strict=True)}
+        lengths = tuple(last.values()) if len(last) > 1 else ()
+        pairs = zip(self.whole, motions, strict=True)
+        return [replace(m, run=int(k), lengths=lengths) for k, m in pairs]
 
     @property
     def d(self) -> int:

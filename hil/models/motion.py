@@ -103,6 +103,10 @@ class Motion:
         Its first instant after the start of its run, of which it may be a later part [s].
     band : float
         Cut-off of the filter that the efforts pass [Hz]; 0 where none is known.
+    run : int
+        Number of its run, from 0.
+    lengths : tuple of float
+        Length of every run [s]; empty where it is the only one.
     """
 
     t: FloatArray
@@ -130,6 +134,8 @@ class Motion:
 
     began: float = 0.0
     band: float = 0.0
+    run: int = 0
+    lengths: tuple[float, ...] = ()
 
     #: Whether an effect is asked for its own joint alone: what others feel of it may be left out.
     lone: ClassVar[bool] = False

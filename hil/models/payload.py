@@ -225,9 +225,34 @@ MOMENTS = tuple(
 _LOAD = (MASS, *MOMENTS)
 
 
+#: Runs that may have an instant of their own, beside the first; more share the first one's.  Half:
+#: three sessions in which a load is picked up get no name; double: the search of an instant takes
+#: as many times longer.
+OTHERS = 4
+#: Instants of a run that are tried, and steps about a found one, in what lies between two of them.
+INSTANTS, STEPS = 15, (-0.5, -0.25, -0.12, -0.06, -0.03, 0.03, 0.06, 0.12, 0.25, 0.5)
+
+
+def _instants(length: float) -> list[float]:
+    """Instants from 5 to 95 % of a run."""
+    return [float(t) for t in np.linspace(0.05, 0.95, INSTANTS) * length]
+
+
 def _payload_change_grid(motion: Motion, j: int) -> Shapes:
-    """Fifteen instants from 5 to 95 % of the run."""
-    return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
+    """Instants of the first run, the others' being the same."""
+    return [(t, *[0.0] * OTHERS) for t in _instants(motion.since[-1])]
+
+
+def _payload_change_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
+    """Another instant in one of the runs, the first among them; the present shape first."""
+    if not motion.lengths:
+        return []
+    out = [tuple(shape)]
+    for k, length in enumerate(motion.lengths[: OTHERS + 1]):
+        every, now = _instants(length), shape[k]
+        near = [now + x * (every[1] - every[0]) for x in STEPS] if k and now else []
+        out += [(*shape[:k], t, *shape[k + 1 :]) for t in (*every, *near) if t > 0]
+    return out
 
 
 def _payload_change_terms(motion: Motion, j: int) -> tuple[Param, ...]:
@@ -245,6 +270,25 @@ def _payload_change_lacks(motion: Motion, j: int) -> str:
     """Needs a tip."""
     none = motion.robot.tip_load(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
     return "the robot has no geometry, so no tip" if none else ""
+
+
+def _payload_change_after(motion: Motion, shape: Shape) -> FloatArray:
+    """What is 0 before the instant of its run and 1 after it, shape (n,)."""
+    own = shape[motion.run] if motion.run < len(shape) else 0.0
+    after = (motion.since - float(own or shape[0])) / motion.dt + 0.5
+    return np.clip(after, 0.0, 1.0)
+
+
+def _payload_change_foils(motion: Motion, j: int, shape: Shape) -> Sequence[FloatArray]:
+    """An offset or a gain of one joint that is another one from the same instant on."""
+    after = _payload_change_after(motion, shape)
+    out = []
+    for k in range(motion.d):
+        for column in (after, after * motion.driven(k)):
+            every = np.zeros((motion.n, motion.d, 1))
+            every[:, k, 0] = column
+            out.append(every)
+    return out
 
 
 class PayloadChange(Effect):
@@ -265,10 +309,25 @@ class PayloadChange(Effect):
         ),
     )
     params = _LOAD
-    shape = (Param("t0", "s", "instant, since the start of the run", 0.0),)
+    shape = (
+        Param("t0", "s", "instant, since the start of the run", 0.0),
+        *(
+            Param(
+                f"t0_{k}",
+                "s",
+                f"instant in run number {k}, since its start",
+                0.0,
+                codes=((0.0, "as in the first one"),),
+                tuned=True,
+                usual=0.0,
+            )
+            for k in range(2, OTHERS + 2)
+        ),
+    )
     scope = Scope(Of.TIP, lacks=_payload_change_lacks, terms=_payload_change_terms)
     variation = AT_AN_INSTANT
-    search = Grid(_payload_change_grid)
+    relations = Relations(foils=_payload_change_foils)
+    search = Grid(_payload_change_grid, across=_payload_change_across, rounds=4 * OTHERS)
     limits = (
         Limit("reach", _payload_change_near, says="the centre of the load lies far from the tip"),
     )
@@ -279,8 +338,7 @@ class PayloadChange(Effect):
         load = motion.robot.tip_load(motion.q, motion.qd, motion.qdd)
         if load is None:
             return np.zeros((motion.n, motion.d, len(self.params)))
-        after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
-        return load * after[:, None, None]
+        return load * _payload_change_after(motion, shape)[:, None, None]
 
 
 EFFECTS = (

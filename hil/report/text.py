@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WORTH
-from hil.diagnosis.floor import known_to, told
+from hil.diagnosis.floor import NETWORK, TIME, known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import (
@@ -587,6 +587,12 @@ FIXED = {
 
 # ------------------------------------------------------------ what to do
 
+#: Where several runs were fitted and what is left follows the time.
+EACH_ALONE = (
+    "Diagnose each run alone: what changes at another instant in every run, such as a load that "
+    "is picked up, has a name only there."
+)
+
 
 def _separating(s: Indistinguishable) -> str:
     """Which motion tells rivals apart, if one does."""
@@ -648,6 +654,8 @@ def next_steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and unlike(m) and not m.network:
         slow = all(STARTS in text for text in unlike(m))
         return [SLOWLY if slow else ELSEWHERE, AGAIN]
+    if m.verdict == "unexplained" and m.problem.runs > 1 and _changes_with_time(m):
+        return [EACH_ALONE, *FIXED[m.verdict]]
     if m.verdict == "ambiguous":
         # what the table does not list as a rival is not to be separated first
         some = [s for s in rivals if _listed(s, m.findings)]
@@ -666,6 +674,15 @@ def next_steps(m: Material) -> list[str]:
     if any(code in OF_UNITS for code, _ in m.warnings):
         return [CHECK_FIRST, *(steps if m.verdict == "adequate" else [AGAIN])]
     return steps
+
+
+def _changes_with_time(m: Material) -> bool:
+    """Whether what is left on some joint follows the time more than anything else."""
+    for joint in m.joints:
+        own = [s for s in m.network if s.joint == joint and s.share >= WORTH]
+        if own and max(own, key=lambda s: s.share).feature == NETWORK + TIME:
+            return True
+    return False
 
 
 def _of_changes(m: Material) -> list[str]:

@@ -5,8 +5,13 @@ import plants
 import pytest
 
 import hil
+from hil.identify.design import bind
+from hil.identify.problem import Problem
+from hil.models.model import Use, Value
 from hil.record.recording import Recording
+from hil.report.data import from_diagnosis
 from hil.report.html import diagnosis_report
+from hil.report.text import EACH_ALONE, next_steps
 
 
 def answer(fitted: Recording, held: list[Recording] | None = None):
@@ -37,6 +42,22 @@ def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tm
     diagnosis_report(d, tmp_path / "r.html")
 
 
+def test_every_run_picks_the_load_up_at_a_time_of_its_own():
+    instants = (6.0, 13.0, 9.0)
+    *runs, held = (plants.pickup(k, name=f"run{k}", at=at) for k, at in enumerate(instants))
+    d = hil.diagnose(runs, hil.base_model(held.robot), [held])
+    assert [f.effect for f in d.findings] == ["payload-change"]
+    assert d.findings[0].confidence > 0.95
+    values = {k.rsplit(".")[-1]: v.value for k, v in d.findings[0].parameters.items()}
+    assert values["m"] == pytest.approx(plants.LOAD, rel=0.02)
+    assert values["t0"] == pytest.approx(6.0, abs=0.05)
+    assert values["t0_2"] == pytest.approx(13.0, abs=0.05)
+    assert "t0_3" not in values  # there is no third run
+    # the held-out run has an instant that no other run has
+    assert np.all(d.ladder[-1].heldout.rms < 1.15 * d.noise)
+    assert any("(4 values a run)" in text or "values a run" in text for _, text in d.warnings)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -55,3 +76,21 @@ def test_what_changes_on_one_joint_is_no_load_and_nothing_that_imitates_it(chang
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_an_arm_that_carries_the_same_all_the_time_lacks_nothing(seed):
     assert answer(plants.pickup(seed, "none")).verdict == "adequate"
+
+
+@pytest.mark.parametrize("change", ["gain", "offset"])
+def test_what_one_joint_changes_in_every_run_at_a_time_of_its_own_is_no_load(change):
+    """It has no name; the answer says where to look."""
+    runs = [plants.pickup(k, change, f"run{k}", at=at) for k, at in enumerate((6.0, 13.0))]
+    d = hil.diagnose(runs, hil.base_model(runs[0].robot))
+    assert d.verdict == "unexplained" and not d.findings
+    if change == "offset":
+        assert next_steps(from_diagnosis(d, simulated=False))[0] == EACH_ALONE
+
+
+def test_a_model_of_one_instant_has_it_in_all_runs():
+    """Files from before runs had instants of their own hold `t0` alone."""
+    run = plants.pickup(1)
+    use = Use("payload-change", ("*",), {}, {"payload-change.t0": Value(plants.INSTANT)})
+    term = bind(hil.base_model(run.robot) + use, Problem([run], run.robot))[-1]
+    assert term.shape == (plants.INSTANT, 0.0, 0.0, 0.0, 0.0)
