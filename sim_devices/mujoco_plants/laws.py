@@ -206,6 +206,18 @@ def coupled_friction(p: Place) -> Law:
     return lambda x: -f * atan((x.w[j] + r * x.w[k]) / v0) * 2.0 / pi
 
 
+def bent_cable(p: Place) -> Law:
+    """A cable past another joint: friction grows exponentially with the angle of its bend."""
+    j, k, s, f = p.j, p.other, sign(p), 0.6 * p.size
+    middle, reach = p.robot.links[k].middle, p.robot.links[k].reach
+
+    def law(x: State) -> float:
+        bend = abs(x.q[k] - middle + 0.3 * reach) / reach
+        return -f * (exp(1.1 * bend) - 1.0) * s(x.w[j])
+
+    return law
+
+
 def friction_drift(p: Place) -> Law:
     """Friction lost while it warms: a stretched exponential."""
     j, f, s = p.j, min(p.size, 0.7 * p.link.friction), sign(p)
@@ -337,6 +349,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "local-friction": tight_spot,
     "load-friction": load_friction,
     "coupled-friction": coupled_friction,
+    "posture-friction": bent_cable,
     "friction-drift": friction_drift,
     "cogging": cogging,
     "outside-brake": brake,
@@ -491,6 +504,20 @@ def warm_gain(p: Place) -> Drive:
     return drive
 
 
+def weakening(p: Place) -> Drive:
+    """Iron losses that grow with the speed, or a coil that leaves its magnet."""
+    j, g, link = p.j, min(0.06 * p.amplitude, 0.6), p.link
+
+    def at_speed(u: list[float], x: State) -> None:
+        v = x.w[j] / link.speed
+        u[j] *= 1.0 - g * (sqrt(v * v + 1e-4) + 0.15 * v * v)
+
+    def off_centre(u: list[float], x: State) -> None:
+        u[j] *= 1.0 - g * (1.0 - cos(1.3 * ((x.m[j] - link.middle) / link.reach - 0.15)))
+
+    return at_speed if p.odd else off_centre
+
+
 DRIVES: dict[str, Callable[[Place], Drive]] = {
     "torque-gain": gain,
     "torque-offset": offset,
@@ -503,6 +530,7 @@ DRIVES: dict[str, Callable[[Place], Drive]] = {
     "actuator-lag": lag,
     "delay": delay,
     "gain-drift": warm_gain,
+    "varying-gain": weakening,
 }
 
 

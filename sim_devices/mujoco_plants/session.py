@@ -27,6 +27,7 @@ USUAL = (0.0, 60.0)
 #: joints or more.
 NEEDS = {
     "coupled-friction": "arm",
+    "posture-friction": "arm",
     "torque-crosstalk": "arm",
     "coupled-transmission": "arm",
     "differential": "arm",
@@ -59,6 +60,7 @@ RANGES = {
     "joint-ratio": (0.0, 3.0),
     "load-friction": (0.0, 8.0),
     "gain-drift": (0.0, 8.0),
+    "varying-gain": (0.0, 10.0),
     "filter-lag": (0.1, 6.0),
 }
 
@@ -71,6 +73,8 @@ LATER = (
     "asymmetric-gain",
     "joint-zero",
     "joint-ratio",
+    "posture-friction",
+    "varying-gain",
 )
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone", "gain-drift": "outside-warm-gain"}
