@@ -300,7 +300,7 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
             BLURRED,
             f"{joint}: {100 * share[j]:.0f} % of the squared error comes from the filter at "
             "reversals, not from a missing effect: dry friction changes there faster than the "
-            "position filter can follow. A wider filter then lowers it (position_hz above "
+            "position filter can follow. A wider filter lowers it (position_hz above "
             f"{result.problem.rates.position:.3g} under [signal] in the model file)",
         )
         for j, joint in enumerate(result.problem.joints)

@@ -568,8 +568,8 @@ def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:
         return f"{joint}: {text}. The fitted sessions themselves differ there"
     if foretold(pair.fitted, pair.alone, j) < CERTAIN:
         return (
-            f"{joint}: {text}. The standard errors allow this: the motion of {pair.ours} does not "
-            f"determine the parameters that matter in {pair.theirs}"
+            f"{joint}: {text}. The motion of {pair.ours} does not determine the parameters that "
+            f"matter in {pair.theirs}: the difference lies within their standard errors"
         )
     why, alike = explanation(pair.fitted, pair.alone, pair.heldout.residual, j)
     if over > NEAR_FLOOR and not alike:

@@ -118,10 +118,11 @@ def stopped(case: RuleCase) -> CheckResult | None:
     return _first(case, CANDIDATE, "candidate")
 
 
-def refused(r: Rated) -> CheckResult:
-    """What the search says of a candidate that it has fitted before."""
-    reason = "a model with it was fitted before and was rejected"
-    return CheckResult("refused", "candidate", reason, _numbers(r))
+def refused(r: Rated, before: CheckResult | None = None) -> CheckResult:
+    """What the search says of a candidate that it has fitted `before`, and why it did not stay."""
+    fell = before is not None and before.stage == "fit"
+    why = before.reason if before and fell else "other effects took its place"
+    return CheckResult("refused", "fit" if fell else "candidate", why, _numbers(r))
 
 
 def fails(case: Refit, only: Sequence[str] = ()) -> CheckResult | None:

@@ -83,7 +83,9 @@ class Search(Models):
         of its joint has grown, so that the search ends.
         """
         tried = (r.candidate.name, r.candidate.term.joint) in self.refused
-        stop = rules.refused(r) if tried else rules.stopped(rules.RuleCase(self, r, evidence))
+        known = self.stops.get(r.candidate.term.key)
+        case = rules.RuleCase(self, r, evidence)
+        stop = rules.refused(r, known) if tried else rules.stopped(case)
         if stop is not None:
             self.stops[r.candidate.term.key] = stop
         return stop is None

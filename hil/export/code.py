@@ -294,8 +294,8 @@ def _write_python(content: Content, name: str, head: tuple[str, ...]) -> dict[st
 
 
 def _write_ros2(content: Content, name: str, head: tuple[str, ...]) -> dict[str, str]:
-    own = "q, v, a: state of a column's own joint; qk, vk: of its joint under other_joints"
-    told = (*head, f"{own}; q1, v1, a1: of the first joint; ...")
+    said = "q, v, a: state of a column's own joint; qk, vk: of its joint under other_joints"
+    told = (*head, f"{said}; q1, v1, a1: of the first joint; ...")
     lines = [*(f"# {x}" for x in told), "/**:", "  ros__parameters:"]
     lines.append(f"    joints: {json.dumps(list(content.robot.joints))}")
     if tables := _tables(content):

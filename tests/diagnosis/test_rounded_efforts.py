@@ -93,7 +93,7 @@ def test_a_held_out_error_that_the_standard_errors_allow_is_no_missing_effect():
     train, other = narrow_and_wide()
     d = hil.diagnose([train], hil.base_model(train.robot), [other])
     assert d.verdict == "adequate"
-    assert any("The standard errors allow this" in text for _, text in d.warnings)
+    assert any("lies within their standard errors" in text for _, text in d.warnings)
 
 
 def test_a_held_out_error_of_another_make_is_one():
