@@ -1388,10 +1388,14 @@ LOAD, LOAD_AT, INSTANT = 0.6, np.array([0.0, 0.03, 0.06]), 8.0
 
 
 def pickup(
-    seed: int, change: str = "load", name: str = "run", at: float | None = None
+    seed: int,
+    change: str = "load",
+    name: str = "run",
+    at: float | None = None,
+    seconds: float = 20.0,
 ) -> Recording:
     """An arm of three joints that takes up a load, or whose second joint changes, at INSTANT."""
-    rng, t = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.004)
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
     motion = _four_tones(rng, t, 3)
     q, v, _ = motion
     bare, loaded = pin.buildModelFromXML(_PICKUP), pin.buildModelFromXML(_PICKUP)

@@ -438,6 +438,22 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
     return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
+#: Which load rubs.
+_OF_LOAD = Param(
+    "of",
+    "1",
+    "0: all that is transmitted; 1: gravity and springs only; 2: the motor's effort",
+    0.0,
+    2.0,
+    codes=(
+        (0.0, "all that is transmitted"),
+        (1.0, "gravity and springs only"),
+        (2.0, "the motor's own effort: driving and back-driving differ"),
+    ),
+    choice=True,
+)
+
+
 def _load_friction_grid(motion: Motion, j: int) -> Shapes:
     """The loads that differ."""
     static = [(1.0, 0.0)] if np.any(motion.static[:, j]) else []
@@ -472,19 +488,7 @@ class LoadFriction(Effect):
     )
     params = (Param("mu", "1", "friction per transmitted effort", 0.0),)
     shape = (
-        Param(
-            "of",
-            "1",
-            "0: all that is transmitted; 1: gravity and springs only; 2: the motor's effort",
-            0.0,
-            2.0,
-            codes=(
-                (0.0, "all that is transmitted"),
-                (1.0, "gravity and springs only"),
-                (2.0, "the motor's own effort: driving and back-driving differ"),
-            ),
-            choice=True,
-        ),
+        _OF_LOAD,
         Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses"),
     )
     search = Grid(_load_friction_grid, across=_load_friction_across, refine=False, rounds=4)
@@ -493,9 +497,14 @@ class LoadFriction(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """|load| sgn(v)."""
         of = int(shape[0])
-        load = motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
+        load = _transmitted(motion, j, of)
         load = load - shape[1] * motion.qdd[:, j] if shape[1] else load
         return (np.abs(load) * motion.sign(j))[:, None]
+
+
+def _transmitted(motion: Motion, j: int, of: int) -> FloatArray:
+    """The load of a form of load friction, shape (n,)."""
+    return motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
 
 
 def _coupled_friction_brakes(f: Fitted) -> bool:
@@ -632,6 +641,43 @@ class PostureFriction(Effect):
         return motion.sign(j)[:, None] * _bends(motion, shape)
 
 
+def _capstan_friction_grid(motion: Motion, j: int) -> Shapes:
+    """The places of friction that follows a bend, for every load that differs."""
+    loads = [of for of, _ in _load_friction_grid(motion, j)]
+    return [(*place, of) for of in loads for place in _posture_friction_grid(motion, j)]
+
+
+class CapstanFriction(Effect):
+    """Load friction of a cable that another joint bends: it grows with tension and angle."""
+
+    name, family = "capstan-friction", "friction"
+    doc = Doc(
+        equation=(
+            "tau = tanh(v / v0) |load| (b |q_k - q0| + c (q_k - q0)^2),  beside load friction; "
+            "the series of exp(mu |q_k - q0|) - 1"
+        ),
+        signature="friction per load follows another joint's position",
+        confused_with=("posture-friction", "load-friction"),
+        shown_by="the same load moved while another joint stands at several places",
+        source="Palli, Borghesan, Melchiorri, IEEE Trans. Robotics 28(2), 2012 (capstan equation)",
+        shown=Sight.LOAD,
+    )
+    params = (
+        Param("b", "1/{x}", "friction per load and angle of the bend"),
+        Param("c", "1/{x}^2", "friction per load and square of it"),
+    )
+    shape = (*PostureFriction.shape, _OF_LOAD)
+    relations = Relations(extends=("load-friction",))
+    scope = Scope(lacks=_no_other)
+    search = Grid(_capstan_friction_grid)
+    traits = Trait.LOAD
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """tanh(v / v0) |load| [|q_k - q0|, (q_k - q0)^2]."""
+        rubs = np.abs(_transmitted(motion, j, int(shape[2]))) * motion.sign(j)
+        return rubs[:, None] * _bends(motion, shape)
+
+
 EFFECTS = (
     Coulomb(),
     Viscous(),
@@ -645,4 +691,5 @@ EFFECTS = (
     LoadFriction(),
     CoupledFriction(),
     PostureFriction(),
+    CapstanFriction(),
 )

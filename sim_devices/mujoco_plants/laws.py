@@ -218,6 +218,18 @@ def bent_cable(p: Place) -> Law:
     return law
 
 
+def capstan(p: Place) -> Law:
+    """A cable around a pulley of another joint: exp of the angle, times what the motor pulls."""
+    j, k, s, mu = p.j, p.other, sign(p, 0.01), 0.05 * p.amplitude
+    middle, reach = p.robot.links[k].middle, p.robot.links[k].reach
+
+    def law(x: State) -> float:
+        bend = abs(x.q[k] - middle - 0.2 * reach) / reach
+        return -mu * (exp(0.9 * bend) - 0.6) * abs(x.u[j]) * s(x.w[j])
+
+    return law
+
+
 def friction_drift(p: Place) -> Law:
     """Friction lost while it warms: a stretched exponential."""
     j, f, s = p.j, min(p.size, 0.7 * p.link.friction), sign(p)
@@ -350,6 +362,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "load-friction": load_friction,
     "coupled-friction": coupled_friction,
     "posture-friction": bent_cable,
+    "capstan-friction": capstan,
     "friction-drift": friction_drift,
     "cogging": cogging,
     "outside-brake": brake,

@@ -28,6 +28,7 @@ USUAL = (0.0, 60.0)
 NEEDS = {
     "coupled-friction": "arm",
     "posture-friction": "arm",
+    "capstan-friction": "arm",
     "torque-crosstalk": "arm",
     "coupled-transmission": "arm",
     "differential": "arm",
@@ -61,6 +62,7 @@ RANGES = {
     "load-friction": (0.0, 8.0),
     "gain-drift": (0.0, 8.0),
     "varying-gain": (0.0, 10.0),
+    "capstan-friction": (0.0, 8.0),
     "filter-lag": (0.1, 6.0),
 }
 
@@ -75,6 +77,7 @@ LATER = (
     "joint-ratio",
     "posture-friction",
     "varying-gain",
+    "capstan-friction",
 )
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {"dead-zone": "outside-dead-zone", "gain-drift": "outside-warm-gain"}

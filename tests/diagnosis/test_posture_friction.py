@@ -60,6 +60,28 @@ def test_cables_that_run_past_a_bent_joint() -> None:
     assert after < before / 10
 
 
+def test_a_cable_around_a_bent_joint_rubs_with_its_tension() -> None:
+    """A spring loads it; the capstan's friction grows with the load and with the angle."""
+
+    def law(q: Array, v: Array, a: Array) -> Array:
+        pull = 0.8 * q[:, 1]
+        return pull + np.abs(pull) * (0.15 + 0.2 * np.abs(q[:, 0])) * dry(v[:, 1])
+
+    run, hold = (wrist(seed, law) for seed in (1, 2))
+    d = hil.diagnose([run], hil.base_model(run.robot) + "spring", [hold])
+    found = {f.effect: f for f in d.findings}
+    assert set(found) == {"load-friction", "capstan-friction"}
+    assert all(f.joint == "tool" and f.confidence > 0.9 for f in found.values())
+    bend = found["capstan-friction"].parameters
+    assert bend["j2.capstan-friction.joint"].value == 1.0
+    assert bend["j2.capstan-friction.q0"].value == pytest.approx(0.0, abs=0.05)
+    assert bend["j2.capstan-friction.b"].value == pytest.approx(0.2, rel=0.1)
+    assert found["load-friction"].parameters["j2.load-friction.mu"].value == pytest.approx(
+        0.15, rel=0.1
+    )
+    assert d.ladder[-1].heldout.relative[1] < d.ladder[0].heldout.relative[1] / 10
+
+
 def test_an_effort_that_follows_the_other_joint_is_no_friction() -> None:
     """A hose between the two: its pull does not turn with the speed."""
     d = diagnosed(lambda q, v, a: 0.15 * q[:, 0] ** 2)

@@ -48,7 +48,7 @@ REFUSED = {
     "encoder-eccentricity", "missed-counts", "joint-zero", "joint-ratio", "filter-lag",
     "elastic-transmission",
     "variable-inertia",
-    "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag",
+    "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag", "capstan-friction",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
     "generic-gravity", "generic-posture", "generic-inertia", "generic-loop",

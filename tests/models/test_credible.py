@@ -62,6 +62,7 @@ ANY = {
     "asymmetric-viscous",
     "position-friction",
     "posture-friction",
+    "capstan-friction",
     "torque-offset",
     "payload",
     "spring",

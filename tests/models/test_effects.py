@@ -160,6 +160,10 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
     ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
     "posture-friction": ((0.2, 2.0), bent),
+    "capstan-friction": (
+        (0.2, 2.0, 1.0),
+        lambda m, i, j, s: [abs(m.static[i, j]) * x for x in bent(m, i, j, s)],
+    ),
     "presliding": ((0.3, 1.0, 0.04, 0.0), dahl),
     "armature": ((), lambda m, i, j, s: [m.qdd[i, j]]),
     "spring": (

@@ -38,6 +38,8 @@ _ACCEPTED = {
         "vibration-mode",
     },
     "belt-skip": {"missed-counts"},
+    # by the angle that the cable is never without
+    "capstan-friction": {"capstan-friction", "load-friction"},
 }
 OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "missed")
 
