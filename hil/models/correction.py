@@ -18,6 +18,9 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from hil.models.effect import (
+    AMPLITUDES,
+    HARMONICS,
+    RIPPLES,
     Correction,
     Doc,
     Grid,
@@ -25,9 +28,9 @@ from hil.models.effect import (
     Scope,
     Shapes,
     Trait,
+    harmonics,
     typical_speed,
 )
-from hil.models.friction import AMPLITUDES, HARMONICS, RIPPLES, harmonics
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import SLIPS, slip_state

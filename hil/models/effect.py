@@ -52,13 +52,16 @@ from hil.models.parts import (
 )
 
 __all__ = [
+    "AMPLITUDES",
     "AT_AN_INSTANT",
     "BOUNDS",
     "FIXED",
+    "HARMONICS",
     "INF",
     "NEVER",
     "PER_RUN",
     "RELATIVE",
+    "RIPPLES",
     "SOLID",
     "STRICT",
     "VALUE_DEVIATIONS",
@@ -85,8 +88,10 @@ __all__ = [
     "are_twins",
     "brakes",
     "broken",
+    "harmonics",
     "log_grid",
     "motor_inertias",
+    "position_orders",
     "refused",
     "strict",
     "terms_of",
@@ -272,6 +277,65 @@ def log_grid(low: float, high: float, count: int) -> Shapes:
 def typical_speed(motion: Motion, j: int) -> float:
     """Root mean square speed of joint j, never zero [rad/s or m/s]."""
     return max(float(np.sqrt(np.mean(motion.qd[:, j] ** 2))), 1e-9)
+
+
+# ------------------------------------------------------------ waves over the position
+
+#: What `harmonics` makes, as text.
+HARMONICS = (
+    "sin(2 * pi * p * q)",
+    "cos(2 * pi * p * q)",
+    "sin(4 * pi * p * q)",
+    "cos(4 * pi * p * q)",
+)
+#: Their coefficients.
+AMPLITUDES = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
+#: Highest order of a motor's or gear's waves that is sought, in periods a turn of the joint.  Half:
+#: motors of 14 poles behind small gears go unnamed on axes that turn on; double: the search takes
+#: longer, and what is found lies beyond the band of most efforts.
+TURN_ORDER = 100
+#: Turns of a slide's screw over the recorded range that are sought.  Half: a screw of 5 mm over a
+#: metre goes unnamed; double: twice the time, and finer threads than are built.
+SCREW_TURNS = 200.0
+
+
+def position_orders(
+    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5, motor: bool = False
+) -> Shapes:
+    """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5.
+
+    `motor`: also of what drives the joint, beyond that: of an axis that turns what comes as a whole
+    number of times a turn, of a slide `SCREW_TURNS` turns of a screw.
+    """
+    low, high = motion.span[j]
+    length, turns = max(float(high - low), 1e-9), motion.robot.units[j] == "rad"
+    most = highest if turns or not motor else SCREW_TURNS
+    orders = [float(k) / length for k in np.arange(lowest, most + 0.25, 0.5)]
+    if motor and turns:
+        whole = np.arange(1, TURN_ORDER + 1) / (2 * np.pi)
+        orders += [float(p) for p in whole if p * length > highest + 0.5]
+    return [(p,) for p in orders]
+
+
+def _ripple_grid(motion: Motion, j: int) -> Shapes:
+    """Every half order over the span, and those of the motor's turns."""
+    return position_orders(motion, j, motor=True)
+
+
+def _ripple_carrier(motion: Motion, j: int) -> FloatArray:
+    """1."""
+    return np.ones(motion.n)
+
+
+#: Search of a wave over the position that depends on nothing else.
+RIPPLES = Waves(_ripple_grid, carrier=_ripple_carrier)
+
+
+def harmonics(q: FloatArray, p: float) -> FloatArray:
+    """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
+    phase = 2 * np.pi * p * q
+    s, c = np.sin(phase), np.cos(phase)
+    return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
 class Correction(Effect):

@@ -28,8 +28,8 @@ from hil.models.effect import (
     Trait,
     Variation,
     Waves,
+    position_orders,
 )
-from hil.models.friction import position_orders
 from hil.models.kernels import eccentric
 from hil.models.motion import FloatArray, Motion
 from hil.models.robots import IndependentAxes

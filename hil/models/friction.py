@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
+    AMPLITUDES,
+    HARMONICS,
     STRICT,
     Doc,
     Effect,
@@ -26,10 +28,12 @@ from hil.models.effect import (
     Waves,
     brakes,
     even_ratio,
+    harmonics,
     log_grid,
     motor_inertias,
     one_joint,
     other_ratios,
+    position_orders,
     typical_speed,
 )
 from hil.models.motion import FloatArray, Motion
@@ -38,15 +42,6 @@ from hil.models.parts import JOINT
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
 
 
-#: What `harmonics` makes, as text.
-HARMONICS = (
-    "sin(2 * pi * p * q)",
-    "cos(2 * pi * p * q)",
-    "sin(4 * pi * p * q)",
-    "cos(4 * pi * p * q)",
-)
-#: Their coefficients.
-AMPLITUDES = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
 #: Speed of two joints against each other, by mode: of 0 the other one's alone.
 _OWN = "min(1, 1e9 * abs(mode))"
 _SIDE = f"abs(mode + 1 - {_OWN})"
@@ -257,47 +252,6 @@ class SublinearViscous(Effect):
         return _column(motion.sign(j) * np.abs(motion.qd[:, j]) ** float(shape[0]))
 
 
-#: Highest order of a motor's or gear's waves that is sought, in periods a turn of the joint.  Half:
-#: motors of 14 poles behind small gears go unnamed on axes that turn on; double: the search takes
-#: longer, and what is found lies beyond the band of most efforts.
-TURN_ORDER = 100
-#: Turns of a slide's screw over the recorded range that are sought.  Half: a screw of 5 mm over a
-#: metre goes unnamed; double: twice the time, and finer threads than are built.
-SCREW_TURNS = 200.0
-
-
-def position_orders(
-    motion: Motion, j: int, highest: float = 60.0, lowest: float = 1.5, motor: bool = False
-) -> Shapes:
-    """Wave numbers [periods per rad or m]: `lowest` to `highest` over the span in steps of 0.5.
-
-    `motor`: also of what drives the joint, beyond that: of an axis that turns what comes as a whole
-    number of times a turn, of a slide `SCREW_TURNS` turns of a screw.
-    """
-    low, high = motion.span[j]
-    length, turns = max(float(high - low), 1e-9), motion.robot.units[j] == "rad"
-    most = highest if turns or not motor else SCREW_TURNS
-    orders = [float(k) / length for k in np.arange(lowest, most + 0.25, 0.5)]
-    if motor and turns:
-        whole = np.arange(1, TURN_ORDER + 1) / (2 * np.pi)
-        orders += [float(p) for p in whole if p * length > highest + 0.5]
-    return [(p,) for p in orders]
-
-
-def _ripple_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span, and those of the motor's turns."""
-    return position_orders(motion, j, motor=True)
-
-
-def _ripple_carrier(motion: Motion, j: int) -> FloatArray:
-    """1."""
-    return np.ones(motion.n)
-
-
-#: Search of a wave over the position that depends on nothing else.
-RIPPLES = Waves(_ripple_grid, carrier=_ripple_carrier)
-
-
 def _position_friction_foils(
     motion: Motion, j: int, shape: Sequence[float]
 ) -> Sequence[FloatArray]:
@@ -429,13 +383,6 @@ class LocalFriction(Effect):
         """exp(-((q - q0) / w)^2) times [tanh(v / v0), v]."""
         moves = np.stack([motion.sign(j), motion.qd[:, j]], axis=1)
         return _spot(motion, j, shape)[:, None] * moves
-
-
-def harmonics(q: FloatArray, p: float) -> FloatArray:
-    """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
-    phase = 2 * np.pi * p * q
-    s, c = np.sin(phase), np.cos(phase)
-    return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
 #: Which load rubs.

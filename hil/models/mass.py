@@ -28,8 +28,8 @@ from hil.models.effect import (
     even_ratio,
     one_joint,
     other_ratios,
+    position_orders,
 )
-from hil.models.friction import position_orders
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
 from hil.models.robots import IndependentAxes

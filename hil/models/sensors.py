@@ -7,7 +7,8 @@ Its channels lie along the axes of the base (a sensor under the object, or one w
 turned in its own electronics) or of the tip (a sensor on the last link).  Without a wrench at the
 tip the sensors are one a joint and J is the unit matrix.
 
-The motor and its amplifier change a command: delay, lag, and ripple that scales with it.
+The motor and its amplifier change a command: delay, lag, ripple that scales with it, a scale that
+varies with speed or place.
 """
 
 from __future__ import annotations
@@ -34,12 +35,14 @@ from hil.models.effect import (
     Trait,
     Twin,
     Waves,
+    harmonics,
     log_grid,
+    position_orders,
+    typical_speed,
 )
-from hil.models.friction import harmonics, position_orders
 from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
-from hil.models.parts import POLES, TELLING_PUSH
+from hil.models.parts import GAIN_CHANGES, POLES, TELLING_PUSH
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 #: Values of the shape parameter `frame`.
@@ -152,6 +155,107 @@ class TorqueRipple(Effect):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Effort times two harmonics over position."""
         return motion.tau[:, j : j + 1] * harmonics(motion.q[:, j], shape[0])
+
+
+#: Forms of a gain that varies: with the speed, or about a place.
+OF_SPEED, OF_PLACE = 0.0, 1.0
+#: Places over the range about which a scale may vary.  Half: a coil that is centred off the middle
+#: lies between two; double: twice the time, and the climb finds the same place.
+CENTRES = 5
+
+
+#: Least share of the effort that a load has where a scale that varies with the speed shows.  Half:
+#: friction that curves with the speed is taken for one; double: a motor that weakens on an axis
+#: with much friction goes unnamed.
+CARRIES = 0.5
+
+
+def _varying_gain_grid(motion: Motion, j: int) -> Shapes:
+    """The speed, where the effort is more than friction; places over the range with both ends."""
+    low, high = motion.span[j]
+    load, every = (float(np.mean(x**2)) for x in (motion.load[:, j], motion.driven(j)))
+    speed = [(0.0, OF_SPEED)] if load >= CARRIES**2 * every else []
+    places = np.linspace(low, high, CENTRES)
+    return [*speed, *((float(q0), OF_PLACE) for q0 in places)]
+
+
+#: Largest share of the effort that a scale which varies takes: beyond it hardly anything is left.
+MOST_VARIES = 0.8
+#: Order up to which a change over the place is smooth.
+SMOOTH = 3
+#: Widths of signs of the speed, in typical speeds, that stand for any curve of friction.
+CURVES = (0.1, 0.3, 1.0)
+
+
+def _varying_gain_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:
+    """Friction that curves with the speed or is another one over the place; inertia over the place.
+
+    Beside them a gain shows in what they leave out: gravity at all speeds, friction at all places.
+    """
+    v, top = motion.qd[:, j : j + 1], max(float(np.max(np.abs(motion.qd[:, j]))), 1e-12)
+    x = np.clip(motion.scaled(j), -1, 1)
+    place = np.asarray(np.polynomial.chebyshev.chebvander(x, 2 * SMOOTH), dtype=np.float64)
+    near = place[:, 1 : SMOOTH + 1]
+    if shape[1] == OF_SPEED:
+        curves = [np.tanh(v / (w * typical_speed(motion, j))) for w in CURVES]
+        fast = v / top
+        curves += [fast * np.abs(fast), fast**3]
+        return [np.hstack(curves), np.abs(fast) * place[:, : SMOOTH + 1]]
+    return [motion.qdd[:, j : j + 1] * place[:, 1:], motion.sign(j)[:, None] * near, place[:, 1:]]
+
+
+def _varied(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+    """What the scale varies with: |v| or (q - q0)^2, shape (n,)."""
+    of_place = shape[1] == OF_PLACE
+    out = (motion.q[:, j] - shape[0]) ** 2 if of_place else np.abs(motion.qd[:, j])
+    return np.asarray(out)
+
+
+def _varying_gain_varies(f: Fitted) -> bool:
+    """The scale changes by more than chance and leaves a part of the effort everywhere."""
+    varied = _varied(f.motion, f.j, f.shape)
+    most = (abs(f.beta[0]) + f.slack[0]) * float(np.ptp(varied))
+    return GAIN_CHANGES < most and abs(f.beta[0]) * float(np.max(varied)) < MOST_VARIES
+
+
+class VaryingGain(Effect):
+    """Efforts whose scale varies with the speed or the place: back EMF, a coil off its centre."""
+
+    name, family = "varying-gain", "actuator"
+    doc = Doc(
+        equation="tau = model + g |v| tau,  or  tau = model + g (q - q0)^2 tau",
+        signature="residual proportional to what the motor carries, more at speed or off centre",
+        confused_with=("torque-gain", "asymmetric-viscous", "position-torque", "gain-drift"),
+        shown_by="the same load at several speeds, and at several places",
+        source=(
+            "Hendershot, Miller, Design of Brushless Permanent-Magnet Machines, 2010 (voltage "
+            "limit and iron losses at speed); Gomis-Bellmunt, Campanile, Design Rules for "
+            "Actuators in Active Mechanical Systems, 2010 (force of a coil over its stroke)"
+        ),
+    )
+    params = (Param("g", "1", "share of the effort lost: per unit of speed, or of place squared"),)
+    shape = (
+        Param("q0", "{x}", "the place about which the scale varies"),
+        Param(
+            "of",
+            "1",
+            "0: the speed; 1: the place",
+            OF_SPEED,
+            OF_PLACE,
+            codes=((OF_SPEED, "per unit of speed"), (OF_PLACE, "per square of the way from q0")),
+            choice=True,
+        ),
+    )
+    relations = Relations(causes=("gain-over-place",), foils=_varying_gain_foils)
+    search = Grid(_varying_gain_grid)
+    limits = (
+        Limit("size", _varying_gain_varies, says="so small a change is chance, or so large none"),
+    )
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Effort times what its scale varies with, as foretold: no noise explains itself."""
+        return (_varied(motion, j, shape) * motion.driven(j))[:, None]
 
 
 def behind(u: FloatArray, dt: float, shape: Sequence[float]) -> FloatArray:
@@ -486,4 +590,5 @@ EFFECTS = (
     Delay(),
     ActuatorLag(),
     TorqueRipple(),
+    VaryingGain(),
 )

@@ -5,7 +5,7 @@ import plants
 import pytest
 
 import hil
-from hil.models.actuator import OF_PLACE, OF_SPEED
+from hil.models.sensors import OF_PLACE, OF_SPEED
 
 TONES = 2 * np.pi * np.array([0.13, 0.31, 0.83, 1.7])
 SIZES = np.array([0.6, 0.3, 0.12, 0.05])
