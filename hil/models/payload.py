@@ -244,14 +244,17 @@ def _payload_change_grid(motion: Motion, j: int) -> Shapes:
 
 
 def _payload_change_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
-    """Another instant in one of the runs, the first among them; the present shape first."""
+    """Another instant in one of the runs, the first among them; the present shape first.
+
+    At the end of a run nothing is picked up in it.
+    """
     if not motion.lengths:
         return []
     out = [tuple(shape)]
     for k, length in enumerate(motion.lengths[: OTHERS + 1]):
         every, now = _instants(length), shape[k]
         near = [now + x * (every[1] - every[0]) for x in STEPS] if k and now else []
-        out += [(*shape[:k], t, *shape[k + 1 :]) for t in (*every, *near) if t > 0]
+        out += [(*shape[:k], t, *shape[k + 1 :]) for t in (*every, *near, length) if t > 0]
     return out
 
 

@@ -589,8 +589,8 @@ FIXED = {
 
 #: Where several runs were fitted and what is left follows the time.
 EACH_ALONE = (
-    "Diagnose each run alone: what changes at another instant in every run, such as a load that "
-    "is picked up, has a name only there."
+    "Diagnose each run alone: what changes at another instant in every run, such as a gain that "
+    "is set anew, is told with its instant there."
 )
 
 

@@ -82,6 +82,24 @@ def test_an_arm_that_carries_the_same_all_the_time_lacks_nothing(seed):
     assert answer(plants.pickup(seed, "none")).verdict == "adequate"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 1])
+def test_one_of_two_runs_picks_nothing_up(first):
+    runs = [
+        plants.pickup(0, "none", "bare", seconds=12.0),
+        plants.pickup(1, name="loads", at=5.0, seconds=12.0),
+    ]
+    held = plants.pickup(2, "none", "held", seconds=12.0)
+    d = hil.diagnose([runs[first], runs[1 - first]], hil.base_model(held.robot), [held])
+    (found,) = d.findings
+    assert found.effect == "payload-change" and found.confidence > 0.95
+    values = {k.rsplit(".")[-1]: v.value for k, v in found.parameters.items()}
+    assert values["m"] == pytest.approx(plants.LOAD, rel=0.02)
+    assert values["t0" if first else "t0_2"] == pytest.approx(5.0, abs=0.05)
+    assert values["t0_2" if first else "t0"] == pytest.approx(12.0, abs=0.05)
+    assert np.all(d.ladder[-1].heldout.rms < 1.15 * d.noise)
+
+
 @pytest.mark.parametrize("change", [pytest.param("gain", marks=pytest.mark.slow), "offset"])
 def test_what_one_joint_changes_in_every_run_at_a_time_of_its_own_is_no_load(change):
     """It has no name; the answer says where to look."""
