@@ -12,8 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from hil.models.effect import (
-    AMPLITUDES,
-    HARMONICS,
     PER_RUN,
     RIPPLES,
     STRICT,
@@ -32,11 +30,11 @@ from hil.models.effect import (
     Trait,
     brakes,
     even_ratio,
-    harmonics,
     log_grid,
     one_joint,
     other_ratios,
 )
+from hil.models.friction import AMPLITUDES, HARMONICS, harmonics
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
 

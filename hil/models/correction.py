@@ -18,8 +18,6 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from hil.models.effect import (
-    AMPLITUDES,
-    HARMONICS,
     RIPPLES,
     Correction,
     Doc,
@@ -28,9 +26,9 @@ from hil.models.effect import (
     Scope,
     Shapes,
     Trait,
-    harmonics,
     typical_speed,
 )
+from hil.models.friction import AMPLITUDES, HARMONICS, harmonics
 from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.presliding import SLIPS, slip_state

@@ -52,11 +52,9 @@ from hil.models.parts import (
 )
 
 __all__ = [
-    "AMPLITUDES",
     "AT_AN_INSTANT",
     "BOUNDS",
     "FIXED",
-    "HARMONICS",
     "INF",
     "NEVER",
     "PER_RUN",
@@ -88,7 +86,6 @@ __all__ = [
     "are_twins",
     "brakes",
     "broken",
-    "harmonics",
     "log_grid",
     "motor_inertias",
     "position_orders",
@@ -281,15 +278,6 @@ def typical_speed(motion: Motion, j: int) -> float:
 
 # ------------------------------------------------------------ waves over the position
 
-#: What `harmonics` makes, as text.
-HARMONICS = (
-    "sin(2 * pi * p * q)",
-    "cos(2 * pi * p * q)",
-    "sin(4 * pi * p * q)",
-    "cos(4 * pi * p * q)",
-)
-#: Their coefficients.
-AMPLITUDES = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
 #: Highest order of a motor's or gear's waves that is sought, in periods a turn of the joint.  Half:
 #: motors of 14 poles behind small gears go unnamed on axes that turn on; double: the search takes
 #: longer, and what is found lies beyond the band of most efforts.
@@ -329,13 +317,6 @@ def _ripple_carrier(motion: Motion, j: int) -> FloatArray:
 
 #: Search of a wave over the position that depends on nothing else.
 RIPPLES = Waves(_ripple_grid, carrier=_ripple_carrier)
-
-
-def harmonics(q: FloatArray, p: float) -> FloatArray:
-    """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
-    phase = 2 * np.pi * p * q
-    s, c = np.sin(phase), np.cos(phase)
-    return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
 class Correction(Effect):

@@ -10,8 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.models.effect import (
-    AMPLITUDES,
-    HARMONICS,
     STRICT,
     Doc,
     Effect,
@@ -28,7 +26,6 @@ from hil.models.effect import (
     Waves,
     brakes,
     even_ratio,
-    harmonics,
     log_grid,
     motor_inertias,
     one_joint,
@@ -42,6 +39,15 @@ from hil.models.parts import JOINT
 _OLSSON = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Eur. J. Control 4, 1998"
 
 
+#: What `harmonics` makes, as text.
+HARMONICS = (
+    "sin(2 * pi * p * q)",
+    "cos(2 * pi * p * q)",
+    "sin(4 * pi * p * q)",
+    "cos(4 * pi * p * q)",
+)
+#: Their coefficients.
+AMPLITUDES = tuple(Param(n, "{F}", "amplitude over position") for n in ("a1", "b1", "a2", "b2"))
 #: Speed of two joints against each other, by mode: of 0 the other one's alone.
 _OWN = "min(1, 1e9 * abs(mode))"
 _SIDE = f"abs(mode + 1 - {_OWN})"
@@ -383,6 +389,13 @@ class LocalFriction(Effect):
         """exp(-((q - q0) / w)^2) times [tanh(v / v0), v]."""
         moves = np.stack([motion.sign(j), motion.qd[:, j]], axis=1)
         return _spot(motion, j, shape)[:, None] * moves
+
+
+def harmonics(q: FloatArray, p: float) -> FloatArray:
+    """[sin kq, cos kq, sin 2kq, cos 2kq] with k = 2 pi p, shape (n, 4)."""
+    phase = 2 * np.pi * p * q
+    s, c = np.sin(phase), np.cos(phase)
+    return np.stack([s, c, 2 * s * c, c * c - s * s]).T
 
 
 #: Which load rubs.

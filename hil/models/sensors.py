@@ -35,11 +35,11 @@ from hil.models.effect import (
     Trait,
     Twin,
     Waves,
-    harmonics,
     log_grid,
     position_orders,
     typical_speed,
 )
+from hil.models.friction import harmonics
 from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import GAIN_CHANGES, POLES, TELLING_PUSH

@@ -28,12 +28,11 @@ from hil.models.effect import (
     Sight,
     Trait,
     Waves,
-    harmonics,
     log_grid,
     position_orders,
     refused,
 )
-from hil.models.friction import Coulomb, Viscous
+from hil.models.friction import Coulomb, Viscous, harmonics
 from hil.models.model import RobotModel, Use
 from hil.models.motion import Motion
 from hil.record.recording import RobotSource
