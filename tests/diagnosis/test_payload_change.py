@@ -23,7 +23,7 @@ def answer(fitted: Recording, held: list[Recording] | None = None):
     [
         pytest.param([], id="fifths", marks=pytest.mark.slow),
         pytest.param(["load"], id="both", marks=pytest.mark.slow),
-        pytest.param(["none"], id="bare"),
+        pytest.param(["none"], id="bare", marks=pytest.mark.slow),
     ],
 )
 def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tmp_path):
@@ -43,7 +43,7 @@ def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tm
 
 
 @pytest.mark.parametrize("seconds", [9.0, pytest.param(20.0, marks=pytest.mark.slow)])
-def test_every_run_picks_the_load_up_at_a_time_of_its_own(seconds):
+def test_every_run_picks_the_load_up_at_a_time_of_its_own(seconds, tmp_path):
     instants = np.array([0.3, 0.65, 0.45]) * seconds
     *runs, held = (
         plants.pickup(k, name=f"run{k}", at=at, seconds=seconds) for k, at in enumerate(instants)
@@ -56,6 +56,9 @@ def test_every_run_picks_the_load_up_at_a_time_of_its_own(seconds):
     assert values["t0"] == pytest.approx(instants[0], abs=0.05)
     assert values["t0_2"] == pytest.approx(instants[1], abs=0.05)
     assert "t0_3" not in values  # there is no third run
+    moments = [values[k] for k in ("mx", "my", "mz")]
+    np.testing.assert_allclose(moments, plants.LOAD * plants.LOAD_AT, atol=0.005)
+    diagnosis_report(d, tmp_path / "r.html")
     # the held-out run has an instant that no other run has
     assert np.all(d.ladder[-1].heldout.rms < 1.15 * d.noise)
     # three moments, the mass and the instant of the held-out run are its own
