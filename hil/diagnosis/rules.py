@@ -121,7 +121,7 @@ def stopped(case: RuleCase) -> CheckResult | None:
 def refused(r: Rated, before: CheckResult | None = None) -> CheckResult:
     """What the search says of a candidate that it has fitted `before`, and why it did not stay."""
     fell = before is not None and before.stage == "fit"
-    why = before.reason if before and fell else "other effects took its place"
+    why = before.reason if before and fell else "it was fitted and did not stay beside the others"
     return CheckResult("refused", "fit" if fell else "candidate", why, _numbers(r))
 
 

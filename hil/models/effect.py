@@ -86,6 +86,7 @@ __all__ = [
     "are_twins",
     "brakes",
     "broken",
+    "instants",
     "log_grid",
     "motor_inertias",
     "position_orders",
@@ -269,6 +270,16 @@ def one_joint(motion: Motion, j: int) -> str:
 def log_grid(low: float, high: float, count: int) -> Shapes:
     """`count` logarithmically spaced one-parameter shapes from low to high."""
     return [(float(x),) for x in np.geomspace(low, max(high, low * 1.001), count)]
+
+
+#: Instants of a run at which what happens once is sought; a climb follows.  Half: two loads
+#: of a run lie between the same two; double: twice the time, and the climb finds the same one.
+INSTANTS = 15
+
+
+def instants(length: float) -> list[float]:
+    """Instants from 5 to 95 % of a run of some length [s]."""
+    return [float(t) for t in np.linspace(0.05, 0.95, INSTANTS) * length]
 
 
 def typical_speed(motion: Motion, j: int) -> float:

@@ -28,6 +28,7 @@ from hil.models.effect import (
     Trait,
     Variation,
     Waves,
+    instants,
     position_orders,
 )
 from hil.models.kernels import eccentric
@@ -207,7 +208,7 @@ def _missed_counts_grid(motion: Motion, j: int) -> Shapes:
     """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
     if motion.jumps(j):
         return [SEEN]
-    return [(float(t),) for t in np.linspace(0.05, 0.95, 15) * motion.since[-1]]
+    return [(t,) for t in instants(motion.since[-1])]
 
 
 def _missed_counts_terms(motion: Motion, j: int) -> tuple[Param, ...]:
@@ -292,7 +293,7 @@ class MissedCounts(Effect):
             return np.zeros((motion.n, motion.d, 1))
         if _missed_counts_dated(shape):
             return motion.response.unslipped(j)[:, :, None]
-        after = np.clip((motion.since - float(shape[0])) / motion.dt + 0.5, 0.0, 1.0)
+        after = motion.after(float(shape[0]))
         out: FloatArray = -(motion.response.gradient[:, :, j] * after[:, None])[:, :, None]
         return out
 

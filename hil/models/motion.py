@@ -168,6 +168,11 @@ class Motion:
         out: FloatArray = self.t - (self.t[0] - self.began)
         return out
 
+    def after(self, instant: float) -> FloatArray:
+        """What is 0 before an instant of the run and 1 after it, between two of them its part."""
+        out: FloatArray = np.clip((self.since - instant) / self.dt + 0.5, 0.0, 1.0)
+        return out
+
     def sign(self, j: int, v0: float | None = None) -> FloatArray:
         """State of joint j's friction, shape (n,): the sign of its velocity, tanh(v / v0).
 

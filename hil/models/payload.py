@@ -38,6 +38,7 @@ from hil.models.effect import (
     Shapes,
     Trait,
     Variation,
+    instants,
 )
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
@@ -229,18 +230,13 @@ _LOAD = (MASS, *MOMENTS)
 #: three sessions in which a load is picked up get no name; double: the search of an instant takes
 #: as many times longer.
 OTHERS = 4
-#: Instants of a run that are tried, and steps about a found one, in what lies between two of them.
-INSTANTS, STEPS = 15, (-0.5, -0.25, -0.12, -0.06, -0.03, 0.03, 0.06, 0.12, 0.25, 0.5)
-
-
-def _instants(length: float) -> list[float]:
-    """Instants from 5 to 95 % of a run."""
-    return [float(t) for t in np.linspace(0.05, 0.95, INSTANTS) * length]
+#: Steps about a found instant, in what lies between two of those that are tried.
+STEPS = (-0.5, -0.25, -0.12, -0.06, -0.03, 0.03, 0.06, 0.12, 0.25, 0.5)
 
 
 def _payload_change_grid(motion: Motion, j: int) -> Shapes:
     """Instants of the first run, the others' being the same."""
-    return [(t, *[0.0] * OTHERS) for t in _instants(motion.since[-1])]
+    return [(t, *[0.0] * OTHERS) for t in instants(motion.since[-1])]
 
 
 def _payload_change_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
@@ -252,7 +248,7 @@ def _payload_change_across(motion: Motion, j: int, shape: Sequence[float]) -> Sh
         return []
     out = [tuple(shape)]
     for k, length in enumerate(motion.lengths[: OTHERS + 1]):
-        every, now = _instants(length), shape[k]
+        every, now = instants(length), shape[k]
         near = [now + x * (every[1] - every[0]) for x in STEPS] if k and now else []
         out += [(*shape[:k], t, *shape[k + 1 :]) for t in (*every, *near, length) if t > 0]
     return out
@@ -278,8 +274,7 @@ def _payload_change_lacks(motion: Motion, j: int) -> str:
 def _payload_change_after(motion: Motion, shape: Shape) -> FloatArray:
     """What is 0 before the instant of its run and 1 after it, shape (n,)."""
     own = shape[motion.run] if motion.run < len(shape) else 0.0
-    after = (motion.since - float(own or shape[0])) / motion.dt + 0.5
-    return np.clip(after, 0.0, 1.0)
+    return motion.after(float(own or shape[0]))
 
 
 def _payload_change_foils(motion: Motion, j: int, shape: Shape) -> Sequence[FloatArray]:
@@ -313,12 +308,12 @@ class PayloadChange(Effect):
     )
     params = _LOAD
     shape = (
-        Param("t0", "s", "instant, since the start of the run", 0.0),
+        Param("t0", "s", "instant, since the start of the run; at its end: no load there", 0.0),
         *(
             Param(
                 f"t0_{k}",
                 "s",
-                f"instant in run number {k}, since its start",
+                f"the same in run number {k}; 0: as in the first one",
                 0.0,
                 codes=((0.0, "as in the first one"),),
                 tuned=True,

@@ -12,7 +12,7 @@ from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
 from hil.diagnosis.constants import HALF, LEVEL, MATTERS, OPEN, PARTS, WORTH
 from hil.diagnosis.folds import Split, levels
-from hil.diagnosis.types import Candidate, Floor, HeldOut
+from hil.diagnosis.types import Candidate, CheckResult, Floor, HeldOut
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
@@ -54,6 +54,19 @@ def test_friction_that_drives_is_no_physics_before_it_is_fitted(peak: float, sto
         rated=SimpleNamespace(candidate=found), search=SimpleNamespace(problem=problem)
     )
     assert ("impossible" in rules.CANDIDATE["physical"](one)) is stopped
+
+
+@pytest.mark.parametrize(
+    ("stage", "kept"), [("fit", "it raised the error of j2"), ("candidate", "it was fitted and")]
+)
+def test_what_was_fitted_before_tells_why_it_did_not_stay(stage: str, kept: str) -> None:
+    """The reason outlives that it is asked again; one from before the fit is none."""
+    rated: Any = SimpleNamespace(before=2.0, after=1.0, sureness=5.0)
+    first = CheckResult("risen", stage, "it raised the error of j2")
+    said = rules.refused(rated, first)
+    assert said.code == "refused" and said.reason.startswith(kept)
+    assert rules.refused(rated, said).reason == said.reason
+    assert rules.refused(rated).reason.startswith("it was fitted and")
 
 
 @pytest.mark.parametrize(("blocks", "stopped"), [(30, False), (1, True)])

@@ -70,6 +70,13 @@ def test_a_motor_constant_that_falls_towards_both_ends():
     assert d.ladder[1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
 
 
+def test_a_motor_constant_that_swings_once_over_the_range():
+    """One period is enough for a ripple: no square of the way from a place follows it."""
+    d = diagnosed(lambda q, v, a: carried(q, v, a) / (1 - 0.2 * np.sin(2 * np.pi * q / 1.8)))
+    assert names(d) == {"torque-ripple"}
+    assert d.ladder[1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
+
+
 def test_a_motor_that_weakens_at_speed():
     """Its voltage has a limit: some of it is spent on the back EMF."""
     d = diagnosed(lambda q, v, a: (carried(q, v, a) + np.cos(q)) / (1 - 0.05 * np.abs(v)))
