@@ -236,19 +236,7 @@ class Rows:
         self._move(parts)
         self._share_slips()
         self._assemble()
-        #: How the motor efforts are aligned.
-        self.alignment = Alignment()
-        #: Whether efforts that were recorded late by more than a sample have been looked for.
-        self.asked_late = False
-        #: Whether the alignment is settled: no fit changes it.
-        self.aligned = False
-        #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
-        self.given_shift = said[0].shift_s
-        #: Low-pass that a model or a map's [signal] says the efforts passed, and their clock.
-        ppm = said[0].clock_ppm
-        self.given_lag = Alignment(0.0, said[0].lag_s, int(said[0].lag_poles), 1e-6 * ppm)
-        #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
-        self.accuracy = said[0].accuracy
+        self._unaligned(said[0])
         #: Least first shape value of an effect on a joint, where other runs have shown it.
         self.least: dict[tuple[str, int], float] = {}
         #: Coefficients that must not be negative, whatever their effects allow.
@@ -261,6 +249,22 @@ class Rows:
         #: What it was made of, and what a fit changes, as it was before any.
         self._asked = (tuple(recordings), robot, explains, band, rates)
         self._first = (tuple(self.motions), self.y, self.effort)
+
+    def _unaligned(self, said: Band) -> None:
+        """How efforts and positions are aligned: not yet, or as a [signal] says."""
+        #: How the motor efforts are aligned.
+        self.alignment = Alignment()
+        #: Whether efforts that were recorded late by more than a sample have been looked for.
+        self.asked_late = False
+        #: Whether the alignment is settled: no fit changes it.
+        self.aligned = False
+        #: Lateness of the effort that a model's or a map's [signal] gives [s]; None = estimate.
+        self.given_shift = said.shift_s
+        #: Low-pass that a model or a map's [signal] says the efforts passed, and their clock.
+        ppm = said.clock_ppm
+        self.given_lag = Alignment(0.0, said.lag_s, int(said.lag_poles), 1e-6 * ppm)
+        #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
+        self.accuracy = said.accuracy
 
     def _move(self, parts: Sequence[Even]) -> None:
         """Motion, standstill, bridges and filter of each part."""
