@@ -286,6 +286,9 @@ def predict(result: FitResult, problem: Problem) -> FloatArray:
         [result.theta[s] for t, s in zip(result.terms, result.slices, strict=True) if t.key in keep]
         or [np.empty(0)]
     )
+    # from the measured efforts, and not from those that another model foretold: beyond a limit
+    # hardly anything of a command is seen, so that what was foretold before would stay
+    problem.motions = [replace(m, drive=np.empty((0, 0))) for m in problem.motions]
     update_load(problem, flat, theta, slices_of(problem, flat))
     x, _ = stack(problem, flat)
     residual: FloatArray
