@@ -29,6 +29,9 @@ FloatArray = NDArray[np.float64]
 
 #: Instants on which other postures are tried, and steps of a zero around the turn.
 INSTANTS, STEPS = 500, 24
+#: Highest power of a joint's own position of a law that is asked whether it explains more than
+#: another zero: springs, hoses, stops.
+OWN_LAWS = 3
 #: Stands for a factor until a fit has told it.
 TIMES = "{times}"
 #: Largest scale of an effort and of a position that is tried.
@@ -89,9 +92,11 @@ class Postures:
     ----------
     result : FitResult
         Base model fitted to the runs as they are.
+    laws : int
+        Highest power of its own position that every joint's effort may hold beside the rigid body.
     """
 
-    def __init__(self, result: FitResult) -> None:
+    def __init__(self, result: FitResult, laws: int = 0) -> None:
         problem, body = result.problem, np.zeros(result.theta.size, dtype=bool)
         for t, where in zip(result.terms, result.slices, strict=True):
             body[where] = Trait.BODY in t.effect.traits
@@ -103,10 +108,17 @@ class Postures:
         self._kept: tuple[object, FloatArray] | None = None
         for j in np.flatnonzero(~problem.holds).tolist():
             at = np.flatnonzero(problem.live[j, pick])
-            own, y = rest[j, at], problem.effort[j, pick[at]]
+            own, y = self._beside(rest[j, at], j, at, laws), problem.effort[j, pick[at]]
             size, wide = max(float(np.linalg.norm(y)), 1e-300), np.linalg.norm(own, axis=0)
             q = np.linalg.qr(own[:, wide > 0] / wide[wide > 0])[0]
             self._rows.append(_Rows(j, at, size, q, beside(y / size, q)))
+
+    def _beside(self, own: FloatArray, j: int, at: NDArray[np.int64], laws: int) -> FloatArray:
+        """Columns of joint j beside the rigid body, and powers of its position."""
+        q = self._states[0][at, j]
+        middle, half = (q.min() + q.max()) / 2, max(float(np.ptp(q)) / 2, 1e-300)
+        powers = ((q - middle) / half)[:, None] ** np.arange(1, laws + 1)
+        return np.concatenate([own, powers], axis=1)
 
     def left(
         self,
@@ -223,10 +235,10 @@ class Postures:
         first = self._tried(as_read)
         out: list[list[Sense]] = []
         for left, sense, j in first:
-            if left <= (1 + WORTH) * first[0][0] and left <= WHOLE * self._now(as_read):
+            if left <= (1 + WORTH) * first[0][0] and left <= WHOLE * self.now(as_read):
                 senses = [sense if k == j else x for k, x in enumerate(as_read)]
                 for _ in self._rows[1:]:
-                    now, (then, other, k) = self._now(senses), self._tried(senses)[0]
+                    now, (then, other, k) = self.now(senses), self._tried(senses)[0]
                     if then > WHOLE * now:
                         break
                     senses[k] = other
@@ -237,8 +249,9 @@ class Postures:
         """The first of them; as recorded where none helps."""
         return next(iter(self.bests()), [Sense() for _ in range(self._d)])
 
-    def _now(self, senses: Sequence[Sense]) -> float:
-        """What some senses leave."""
+    def now(self, senses: Sequence[Sense] | None = None) -> float:
+        """Squared share of the efforts that some senses leave; those that are recorded if None."""
+        senses = senses or [Sense() for _ in range(self._d)]
         j = self._rows[0].j
         return self.left(senses, j)[int(senses[j].effort < 0)]
 
@@ -263,7 +276,7 @@ class Postures:
         shifts = step * np.arange(STEPS) if turns else np.zeros(1)
         tried = [left(sign, float(z)) for sign in (1.0, -1.0) for z in shifts]
         least = min(x for x, _ in tried)
-        if not turns or least > WHOLE * self._now(senses):
+        if not turns or least > WHOLE * self.now(senses):
             return min(tried, key=lambda x: x[0])
         simple = [left(sign, z) for sign in (1.0, -1.0) for z in np.pi / 2 * np.arange(4)]
         near = [x for x in simple if x[0] <= (1 + WORTH) * least]
@@ -292,7 +305,7 @@ class Postures:
         Of twice or more, or half and less: what is nearer is a drive's, or a transmission's.
         """
         as_read = [Sense() for _ in range(self._d)]
-        now, found = self._now(as_read), list[tuple[float, list[Sense]]]()
+        now, found = self.now(as_read), list[tuple[float, list[Sense]]]()
         for name, most in OTHER_SCALES.items() if self._rows[1:] else ():
             for r in self._rows:
 
@@ -301,7 +314,7 @@ class Postures:
                     return [one if k == j else s for k, s in enumerate(as_read)]
 
                 def left(x: float, senses: Callable[[float], list[Sense]] = senses) -> float:
-                    return self._now(senses(float(x)))
+                    return self.now(senses(float(x)))
 
                 grid = np.log(most) * np.linspace(-1, 1, STEPS + 1)
                 best = min(grid.tolist(), key=left)
@@ -349,6 +362,7 @@ class Counting:
 def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counting]:
     """Other orders and senses of the joints, and another gravity, that promise less error."""
     postures, joints, robot = Postures(result), result.problem.joints, result.problem.source
+    sprung = Postures(result, OWN_LAWS).now()
     order, gravity = postures.order(), postures.gravity()
     if order != sorted(order):
         runs = [ordered(r, order) for r in recordings]
@@ -361,6 +375,8 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
         turned = any(x.sign < 0 or x.shift for x in senses)
         quarters = not any(x.free for x in senses)
         scaled = any(x.scale != 1.0 or abs(x.effort) != 1.0 for x in senses)
+        if sprung < WHOLE * postures.now(senses):
+            continue  # laws of the joints' own positions explain more than what a map may say
         yield Counting(
             runs,
             robot,
