@@ -212,7 +212,8 @@ def choose(
     Where the model is of what moves (`moving`) the effort's cut-off is the frequency up to which
     the acceleration stands clear of the positions' noise (`ACCELERATION_NOISE`) and the effort's
     spectrum above its own (`ABOVE`), median of the joints that move, and no more than `HARMONICS`
-    times the motion's bandwidth; else six times the bandwidth of the motion in 12..25 Hz.
+    times the motion's bandwidth and `WIDEST`, beyond which only the motion itself counts (a chirp
+    through the resonances of a structure); else six times the bandwidth of the motion in 12..25 Hz.
     The position filter is three times wider, so that what remains of a reversal is sharp against
     the effort filter and the acceleration noise is still bounded.
     Where no joint's speed stands clear of its noise (`CLEAR`) both are narrower, down to
@@ -254,10 +255,13 @@ def _informed(recordings: list[Recording]) -> tuple[float, str]:
     if not smooth_to.size:
         return 12.0, "nothing moves"
     acceleration, effort = float(np.median(smooth_to)), float(np.median(loud_to))
-    widest = max(HARMONICS * float(np.median([motion_bandwidth(r) for r in recordings])), FREE)
+    motion = float(np.median([motion_bandwidth(r) for r in recordings]))
+    widest = min(max(HARMONICS * motion, FREE), WIDEST)
     least = min(acceleration, effort)
-    if least >= min(widest, WIDEST):
-        return min(widest, WIDEST), "the motion's harmonics; the signals stand clear of their noise"
+    if min(least, motion) > WIDEST:
+        return min(least, motion), "the motion itself; the signals stand clear of their noise"
+    if least >= widest:
+        return widest, "the motion's harmonics; the signals stand clear of their noise"
     why = "noise of the acceleration" if acceleration <= effort else "noise of the effort"
     return max(least, LEAST), why if least > LEAST else f"{why}; the narrowest that is used"
 

@@ -359,6 +359,20 @@ def test_the_band_follows_signal_over_noise(noise: float, low: float, high: floa
     assert low <= choose([replace(r, q=q)], Band(), True).effort <= high
 
 
+@pytest.mark.parametrize(("last", "least", "most"), [(5.0, 5.0, 25.0), (40.0, 26.0, 42.0)])
+def test_a_motion_that_is_faster_than_the_widest_band_is_read_as_far_as_it_goes(
+    last: float, least: float, most: float
+) -> None:
+    """A chirp through the resonances of a structure was cut at 25 Hz, and they with it."""
+    t = np.arange(20_000) / 1000.0
+    speed = np.sin(2 * np.pi * (0.5 * t + (last - 0.5) / 40.0 * t**2))
+    r = replace(plants.counted_axis(20.0), t=t, q=np.cumsum(speed)[:, None] * 1e-4, qd=None)
+    noise = 1e-7 * np.random.default_rng(5).normal(size=r.q.shape)
+    effort = np.gradient(speed)[:, None] + 1e-4 * np.random.default_rng(6).normal(size=r.q.shape)
+    found = choose([replace(r, q=r.q + noise, tau=effort)], Band(), True)
+    assert least <= found.effort <= most and ("the motion itself" in found.why) == (last > 25.0)
+
+
 @pytest.mark.parametrize("noise", [3e-5, 3e-4, 1e-3])
 def test_acceleration_stands_clear_of_known_noise_up_to_a_known_frequency(noise: float) -> None:
     r = plants.counted_axis(60.0)
