@@ -93,6 +93,7 @@ __all__ = [
     "refused",
     "strict",
     "terms_of",
+    "turning_orders",
     "typical_speed",
 ]
 
@@ -314,6 +315,14 @@ def position_orders(
         whole = np.arange(1, TURN_ORDER + 1) / (2 * np.pi)
         orders += [float(p) for p in whole if p * length > highest + 0.5]
     return [(p,) for p in orders]
+
+
+def turning_orders(motion: Motion, j: int, highest: float, lowest: float) -> Shapes:
+    """The same; of an axis that turns as far as that once and twice a turn, too."""
+    over = position_orders(motion, j, highest, lowest)
+    turn = 1 / (2 * np.pi)
+    turns = over[0][0] <= turn and motion.robot.units[j] == "rad"
+    return sorted({*over, (turn,), (2 * turn,)}) if turns else over
 
 
 def _ripple_grid(motion: Motion, j: int) -> Shapes:

@@ -29,7 +29,7 @@ from hil.models.effect import (
     Variation,
     Waves,
     instants,
-    position_orders,
+    turning_orders,
 )
 from hil.models.kernels import eccentric
 from hil.models.motion import FloatArray, Motion
@@ -139,8 +139,8 @@ def _encoder_eccentricity_powers(motion: Motion, j: int) -> NDArray[np.complex12
 
 
 def _encoder_eccentricity_grid(motion: Motion, j: int) -> Shapes:
-    """Every half order over the span."""
-    return position_orders(motion, j, DISC_ORDER)
+    """Every half order over the span, and those of a joint's own disc."""
+    return turning_orders(motion, j, DISC_ORDER, 1.0)
 
 
 def _encoder_eccentricity_lacks(motion: Motion, j: int) -> str:

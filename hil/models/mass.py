@@ -28,7 +28,7 @@ from hil.models.effect import (
     even_ratio,
     one_joint,
     other_ratios,
-    position_orders,
+    turning_orders,
 )
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
@@ -292,10 +292,7 @@ def _variable_inertia_lacks(motion: Motion, j: int) -> str:
 
 def _variable_inertia_grid(motion: Motion, j: int) -> Shapes:
     """Every half order over the span; of an axis that turns once and twice a turn, too."""
-    over = position_orders(motion, j, LINKAGE_ORDER, 0.5)
-    turn = 1 / (2 * math.pi)
-    turns = over[0][0] <= turn and motion.robot.units[j] == "rad"
-    return sorted({*over, (turn,), (2 * turn,)}) if turns else over
+    return turning_orders(motion, j, LINKAGE_ORDER, 0.5)
 
 
 def _variable_inertia_powers(motion: Motion, j: int) -> NDArray[np.complex128]:

@@ -128,6 +128,27 @@ def test_eccentric_encoder_is_not_cogging_and_cogging_is_not_the_encoder():
     assert found == {("cogging", "joint1")}
 
 
+def test_a_joints_own_disc_errs_once_a_turn_and_its_inertia_does_not_vary():
+    """Over a turn and a quarter; the motion is given, and an encoder off centre sees it."""
+    t = np.arange(12_000) / 500.0
+    w, size = 2 * np.pi * np.array([0.13, 0.31, 0.83]), np.array([3.2, 0.9, 0.25])
+    q, v, a = (
+        sum(s * f**k * np.sin(f * t + k * np.pi / 2 + f) for f, s in zip(w, size, strict=True))
+        for k in (0, 1, 2)
+    )
+    tau = 0.02 * a + 0.05 * v + 0.03 * np.tanh(v / 0.01)
+    tau += 2e-4 * np.random.default_rng(7).normal(size=t.size)
+    run = replace(
+        plants.axis(1), t=t, q=(q + 0.006 * np.sin(q + 0.4))[:, None], tau=tau[:, None], qd=None
+    )
+    found = hil.diagnose([run], hil.base_model(run.robot))
+    (name,) = found.findings
+    assert name.effect == "encoder-eccentricity" and name.confidence > 0.95
+    values = {n.rpartition(".")[2]: v.value for n, v in name.parameters.items()}
+    assert 2 * np.pi * values["p"] == pytest.approx(1.0, rel=0.03)
+    assert np.hypot(values["es"], values["ec"]) == pytest.approx(0.006, rel=0.1)
+
+
 def test_eccentric_encoder_of_an_arm():
     def disc(t, q):
         return 5e-3 * np.sin(11 * q[:, [1]] + 0.5) * np.array([0.0, 1.0, 0.0])
