@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import progress
+from hil.diagnosis import rules
 from hil.diagnosis.artefacts import converter
 from hil.diagnosis.attribution import Named
 from hil.diagnosis.candidates import in_words, shares
@@ -42,7 +43,6 @@ from hil.diagnosis.preconditions import (
     doubts,
     touched,
     undetermined,
-    upwards,
     without_effort,
 )
 from hil.diagnosis.remodel import Visited
@@ -64,7 +64,6 @@ from hil.diagnosis.types import (
 )
 from hil.diagnosis.verdict import (
     NO_GEOMETRY,
-    OF_GEOMETRY,
     REFUSED,
     finish,
     matters,
@@ -81,7 +80,7 @@ from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, late_beside
 from hil.models import catalogue
-from hil.models.effect import SOLID, Trait
+from hil.models.effect import Trait
 from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
@@ -399,7 +398,7 @@ def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
         if now is not before:
             c = now.candidate
             names = dict.fromkeys(rival_name(r, c, problem) for r in now.rivals)
-            most = HALF if f.reason.startswith(OF_GEOMETRY) else 1.0
+            most = HALF if f.reason.startswith(rules.OF_GEOMETRY) else 1.0
             sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), most)
             why = "" if not names and f.reason == AS_WELL else f.reason
             out.findings[k] = replace(f, confidence=round(sure, 3), rivals=list(names), reason=why)
@@ -471,9 +470,8 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
     taken = shares(end, search.split, search.found, search.base.errors.power)
     every = [finding(n, search, floor, other, taken) for n in named]
-    every = weightless(every, named, end)
     over = above(search, last, there, named)
-    every = shapeless(every, search, over)
+    every = rules.doubted(every, named, search, over)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
@@ -495,49 +493,6 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
     return out
-
-
-def weightless(every: list[Finding], named: list[Named], result: FitResult) -> list[Finding]:
-    """Findings, of which laws of posture are doubtful beside masses that are none.
-
-    What holds a joint, or the tip, and gravity make up for each other there: that the fit gives
-    gravity against the description shows that the law is another one.
-    """
-    against = upwards(result)
-    out = []
-    for f, n in zip(every, named, strict=True):
-        effect = n.candidate.term.effect
-        felt = bool(against) if effect.scope.whole else n.candidate.joint in against
-        if felt and effect.family in (*SOLID, "contact"):
-            names = ", ".join(result.problem.joints[j] for j in against)
-            why = f"beside it the gravity of {names} acts upwards, which no masses can do"
-            f = replace(f, confidence=min(f.confidence, HALF), reason=why)
-        out.append(f)
-    return out
-
-
-def shapeless(every: list[Finding], search: Search, over: NDArray[np.bool_]) -> list[Finding]:
-    """Findings, which are doubtful where an unknown geometry was not learnt down to the noise.
-
-    Gravity and the coupling of the joints act on all of them: what the sums in their place leave on
-    one joint may be what a law was named for on another.  Axes that all slide have neither.
-
-    Parameters
-    ----------
-    every : list of Finding
-        What was found.
-    search : Search
-        Knows whether the geometry is known.
-    over : ndarray (d,)
-        Joints whose error is above the noise floor.
-    """
-    problem = search.problem
-    turning = any(unit == "rad" for unit in problem.robot.units)
-    if not (search.blind and turning and np.any(over)):
-        return every
-    names = ", ".join(problem.joints[j] for j in np.flatnonzero(over).tolist())
-    why = f"{OF_GEOMETRY}, as the error of {names} above the noise floor may be"
-    return [replace(f, confidence=HALF, reason=why) if f.confidence > HALF else f for f in every]
 
 
 def unnamed(

@@ -3,19 +3,22 @@
 Each rule is a function of one case; it returns the reason why the case fails, or nothing.  The
 search asks them in order and keeps the first reason.  `hil bench diagnosis --ablate` runs the
 benchmark without each of them in turn: a rule that flips no answer goes, unless it protects what
-the plans do not hold and a test does (`PROVOKED`).
+the plans do not hold and a test does (`PROVOKED`).  What the last model says of the names that were
+found comes at the end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import (
+    Named,
     alone,
     by_chance,
     effort,
@@ -43,7 +46,8 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, levels, parts
-from hil.diagnosis.types import Candidate, CheckResult, Evidence
+from hil.diagnosis.preconditions import upwards
+from hil.diagnosis.types import Candidate, CheckResult, Evidence, Finding
 from hil.identify.design import Term, head
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
@@ -512,3 +516,86 @@ def _simulates(case: Refit) -> str:
     leaves = new.diverged - old.diverged > TENTH * new.windows
     worse = leaves or any(new.rises(old, j, RUINED) for j in moves)
     return "it makes the simulated motion much worse" if worse else ""
+
+
+# ---------------------------------------------------------------------- after all fits
+
+
+#: How the reason begins why a name is doubtful beside a geometry that was not learnt.
+OF_GEOMETRY = "without a robot description it may be gravity or the coupling of the joints"
+#: Why a name is doubtful that paid only until the others were found, or was allowed until then.
+_UNSHOWN = "in the end, the error of the held-out data does not fall with it"
+_OUTGROWN = "beside the others it has values that its law does not allow: "
+
+
+def doubted(
+    every: list[Finding], named: Sequence[Named], search: Search, over: NDArray[np.bool_]
+) -> list[Finding]:
+    """Findings, of which those have even odds at most that the last model makes doubtful.
+
+    Parameters
+    ----------
+    every : list of Finding
+        What was found.
+    named : sequence of Named
+        The same as candidates.
+    search : Search
+        With its last model; knows whether the geometry is known.
+    over : ndarray (d,)
+        Joints whose error is above the noise floor.
+    """
+    end = search.now.result
+    every = _shapeless(_weightless(every, named, end), search, over)
+    return _outlived(every, named, end)
+
+
+def _weightless(every: list[Finding], named: Sequence[Named], result: FitResult) -> list[Finding]:
+    """Findings, of which laws of posture are doubtful beside masses that are none.
+
+    What holds a joint, or the tip, and gravity make up for each other there: that the fit gives
+    gravity against the description shows that the law is another one.
+    """
+    against = upwards(result)
+    out = []
+    for f, n in zip(every, named, strict=True):
+        effect = n.candidate.term.effect
+        felt = bool(against) if effect.scope.whole else n.candidate.joint in against
+        if felt and effect.family in (*SOLID, "contact"):
+            names = ", ".join(result.problem.joints[j] for j in against)
+            why = f"beside it the gravity of {names} acts upwards, which no masses can do"
+            f = replace(f, confidence=min(f.confidence, HALF), reason=why)
+        out.append(f)
+    return out
+
+
+def _outlived(every: list[Finding], named: Sequence[Named], end: FitResult) -> list[Finding]:
+    """Findings, of which those are doubtful that the last model no longer bears out.
+
+    What paid when it was found may have been left by shapes that the others had then.  What acts at
+    instants of the fitted runs, or in some of them, need not be seen elsewhere.
+    """
+    last = {t.key: t for t in end.terms}
+    out = []
+    for f, n in zip(every, named, strict=True):
+        term, varies = n.candidate.term, n.candidate.term.effect.variation
+        elsewhere = varies.dated(term.shape) or (term.per_run and not varies.own(term.shape))
+        why = "" if elsewhere or f.relative_after < f.relative_before else _UNSHOWN
+        if not why and (now := last.get(term.key)) is not None and (says := forbidden(end, now)):
+            why = f"{_OUTGROWN}{says}"
+        out.append(replace(f, confidence=min(f.confidence, HALF), reason=why) if why else f)
+    return out
+
+
+def _shapeless(every: list[Finding], search: Search, over: NDArray[np.bool_]) -> list[Finding]:
+    """Findings, which are doubtful where an unknown geometry was not learnt down to the noise.
+
+    Gravity and the coupling of the joints act on all of them: what the sums in their place leave on
+    one joint may be what a law was named for on another.  Axes that all slide have neither.
+    """
+    problem = search.problem
+    turning = any(unit == "rad" for unit in problem.robot.units)
+    if not (search.blind and turning and np.any(over)):
+        return every
+    names = ", ".join(problem.joints[j] for j in np.flatnonzero(over).tolist())
+    why = f"{OF_GEOMETRY}, as the error of {names} above the noise floor may be"
+    return [replace(f, confidence=HALF, reason=why) if f.confidence > HALF else f for f in every]

@@ -154,8 +154,6 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
 
 
 COMMON, NO_GEOMETRY = "common-cause", "no-geometry"
-#: How the reason begins why a name is doubtful beside a geometry that was not learnt.
-OF_GEOMETRY = "without a robot description it may be gravity or the coupling of the joints"
 
 
 # ------------------------------------------------------------ what findings have in common

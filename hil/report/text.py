@@ -23,6 +23,7 @@ from hil.diagnosis.residual_tests import (
     TOUCHED,
     UNLIKE,
 )
+from hil.diagnosis.rules import OF_GEOMETRY
 from hil.diagnosis.types import (
     EITHER,
     Finding,
@@ -34,7 +35,6 @@ from hil.diagnosis.verdict import (
     COMMON,
     HIGH_FLOOR,
     NO_GEOMETRY,
-    OF_GEOMETRY,
     REFUSED,
     matters,
     not_white,
@@ -386,7 +386,8 @@ def undescribed(
 
 
 def _undescribed(m: Material) -> bool:
-    return undescribed(m.verdict, m.warnings, m.corrections) and not m.partial
+    doubted = all(f.confidence == 0.0 for f in m.partial)  # explains too little to be one
+    return undescribed(m.verdict, m.warnings, m.corrections) and doubted
 
 
 def explains(blurred: bool, model: str, ratio: float = 1.0, floor: str = "") -> str:

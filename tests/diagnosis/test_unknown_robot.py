@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -14,14 +15,15 @@ import hil
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import short, text
 from hil.commands.fit import text as fit_text
-from hil.diagnosis import engine, preconditions
+from hil.diagnosis import engine, preconditions, rules
 from hil.diagnosis.constants import CONFIDENT, HALF
 from hil.diagnosis.types import Diagnosis, Finding
+from hil.models import catalogue
 from hil.models.model import base_model
 from hil.models.robots import undescribed
 from hil.record.recording import Recording, RobotSource
 from hil.report.data import Files, command, from_diagnosis
-from hil.report.text import DESCRIBE, details, next_steps
+from hil.report.text import DESCRIBE, details, headline, next_steps
 
 
 @cache
@@ -150,7 +152,7 @@ def test_no_name_is_sure_beside_a_geometry_that_was_not_learnt() -> None:
         robot = SimpleNamespace(units=(unit, unit))
         problem = SimpleNamespace(robot=robot, joints=("joint1", "joint2"))
         search = SimpleNamespace(blind=blind, problem=problem)
-        return engine.shapeless([name], search, np.array(over))
+        return rules._shapeless([name], search, np.array(over))
 
     assert judged(True, "rad", (False, False)) == [name]
     assert judged(False, "rad", (True, False)) == [name]
@@ -165,6 +167,41 @@ def test_no_name_is_sure_beside_a_geometry_that_was_not_learnt() -> None:
     assert next_steps(from_diagnosis(d))[0] == DESCRIBE
     brief = short(d, hil.ladder(d), None).splitlines()
     assert brief[0] == said[0] and brief[2] == said[2]
+
+
+def test_a_name_that_the_last_model_does_not_bear_out_is_not_sure(monkeypatch):
+    """A disturbance took 12.0 to 11.7 % when it was found, and 4.57 to 4.63 % in the last model.
+
+    What acts at instants of the fitted runs need not be seen in others.
+    """
+    (name,) = diagnosed(0.8).findings
+    idle = replace(name, relative_before=4.57, relative_after=4.63)
+
+    def judged(found: Finding, effect: str) -> Finding:
+        kind = catalogue.get(effect)
+        shape = (1.0,) * len(kind.shape)
+        term = SimpleNamespace(effect=kind, shape=shape, per_run=False, key=(effect, 0))
+        named = SimpleNamespace(candidate=SimpleNamespace(term=term))
+        return rules._outlived([found], [named], SimpleNamespace(terms=[term]))[0]
+
+    monkeypatch.setattr(rules, "forbidden", lambda result, term: "")
+    assert judged(name, "stribeck") == name
+    for effect in ("stribeck", "periodic-disturbance"):
+        assert judged(idle, effect).confidence == HALF
+        assert "does not fall" in judged(idle, effect).reason
+    assert judged(idle, "payload-change") == idle
+    # a leak of 0.49 may be 0.7 once another effect stands beside it
+    monkeypatch.setattr(rules, "forbidden", lambda result, term: "it is too much for a leak")
+    assert judged(name, "torque-crosstalk").confidence == HALF
+    assert "too much for a leak" in judged(name, "torque-crosstalk").reason
+
+
+def test_a_withheld_name_beside_an_unknown_geometry_is_no_missing_effect():
+    d = copy(diagnosed())
+    (name,) = diagnosed(0.8).findings
+    for confidence, said in ((0.0, "The robot description is missing"), (0.3, "An effect")):
+        d.partial = [replace(name, confidence=confidence)]
+        assert headline(from_diagnosis(d)).startswith(said)
 
 
 def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
