@@ -17,7 +17,7 @@ from hil import terminal
 from hil.commands import common
 from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
-from hil.diagnosis.constants import CONFIDENT, HALF
+from hil.diagnosis.constants import CONFIDENT, HALF, TENTH
 from hil.diagnosis.equivalence import at_issue_of, sets_of
 from hil.diagnosis.floor import told
 from hil.diagnosis.heldout import DIFFER
@@ -195,8 +195,8 @@ def _telling(f: Finding, contribution: str = "") -> str:
     if kind.variation.sudden and instant:
         at = ", ".join(common.value_line(n, short[n]) for n in instant)
         return f"{_sized(short, kind, contribution)}, {at}"
-    coded = [in_words(n, v.value) for n, v in f.parameters.items() if v.unit != "1"]
-    if said := [x for x in coded if x]:  # a code in the place of a number
+    coded = [in_words(n, v.value) for n, v in f.parameters.items() if v.unit == "s"]
+    if said := [x for x in coded if x]:  # an instant in words
         name, first = next(iter(short.items()))
         return ", ".join([common.value_line(name, first), *said])
     return _sized(short, kind, contribution)
@@ -218,10 +218,19 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
     shaped = [p.name for p in shapes]
     size = [p.name for p in shapes if p.size and _sure(short[p.name], VALUE_DEVIATIONS)]
     if not sized and (name := _surest(short, size or shaped)):
-        return common.value_line(name, short[name])
+        return ", ".join([common.value_line(name, short[name]), *_in_part(short, name in size)])
     if contribution:
         return f"{contribution} rms in total; no value is determined"
     return _undetermined(short, [*sized, *shaped, *own])
+
+
+def _in_part(values: dict[str, Value], sized: bool) -> list[str]:
+    """The share to which a law of that size holds, where the data say that it is not all."""
+    a = values.get("a")
+    known = sized and a is not None and a.unit == "1" and _sure(a, VALUE_DEVIATIONS)
+    if not known or a is None or abs(a.value - 1.0) < max(TENTH, VALUE_DEVIATIONS * a.stderr):
+        return []
+    return [f"a = {a.value:.3g}"]
 
 
 def _surest(values: dict[str, Value], names: list[str]) -> str:

@@ -416,16 +416,22 @@ def _dead_zone_grid(motion: Motion, j: int) -> Shapes:
 
 
 def _dead_zone_met(f: Fitted) -> bool:
-    """Both sides of it were met: efforts beyond it, up and down, or it is an offset or friction.
+    """Both sides of it were met: efforts beyond it, up and down, or it is an offset.
 
     At the least and the largest width that were tried, and where more is lost than is asked for,
-    another law is meant.  So it is where the effort turns with the speed.
+    another law is meant.
     """
     tau, width, (low, high) = f.motion.tau[:, f.j], float(f.shape[0]), _widths(f.motion, f.j)
     passed = min(int(np.sum(tau > width)), int(np.sum(tau < -width))) > ROWS_BEYOND
-    turned = np.mean((np.abs(tau) > width) & (tau * f.motion.qd[:, f.j] < 0.0)) > TURNED
     inside = 1.02 * low < width < 0.98 * high and f.beta[0] < 0.99 * f.effect.params[0].upper
-    return bool(passed and turned and inside)
+    return bool(passed and inside)
+
+
+def _dead_zone_apart(f: Fitted) -> bool:
+    """The effort brakes, too: where it turns with the speed, a dead zone is dry friction."""
+    tau, width = f.motion.tau[:, f.j], float(f.shape[0])
+    braked = (np.abs(tau) > width) & (tau * f.motion.qd[:, f.j] < 0.0)
+    return bool(np.mean(braked) > TURNED)
 
 
 class DeadZone(Effect):
@@ -447,6 +453,11 @@ class DeadZone(Effect):
     search = Grid(_dead_zone_grid)
     limits = (
         Limit("unmet", _dead_zone_met, says="the efforts hardly pass it, or on one side only"),
+        Limit(
+            "unbraked",
+            _dead_zone_apart,
+            says="the effort hardly ever brakes, and a dead zone and dry friction look alike then",
+        ),
         STRICT,
     )
     traits = Trait.REPLAYED

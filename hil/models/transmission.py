@@ -317,6 +317,10 @@ class ElasticTransmission(_Resonance):
         confused_with=("vibration-mode", "hardening-cable", "armature"),
         shown_by="fast motion towards the resonance; chirp under load",
         source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
+        caveat=(
+            "where a is well below 1 and i is 0, the rest of the load may be the motor's own "
+            "inertia: the stiffness of the spring is a k then"
+        ),
     )
     params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
     shape = (

@@ -78,6 +78,8 @@ def test_a_command_that_is_always_beyond_it_shows_no_dead_zone() -> None:
     assert not refused(get("dead-zone"), motion, 0, (0.3,), (1.0,), (0.1,))
     heavy = motion.with_(tau=motion.tau + 30.0)
     assert refused(get("dead-zone"), heavy, 0, (0.3,), (1.0,), (0.1,))
+    pushing = motion.with_(tau=np.abs(motion.tau) * np.sign(motion.qd))
+    assert refused(get("dead-zone"), pushing, 0, (0.3,), (1.0,), (0.1,)) == "unbraked"
 
 
 def test_a_limit_that_is_not_reached_is_not_named() -> None:

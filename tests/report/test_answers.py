@@ -114,7 +114,7 @@ NAN = float("nan")
             {
                 **{"f0": (0.0, 8e-5, "N m"), "f1": (0.0, 3e-4, "N m")},
                 **{"f2": (0.0, 8e-4, "N m"), "f3": (0.012, 5e-4, "N m")},
-                **{"s": (0.0057, 1e-4, "rad"), "form": (1.0, NAN, "1")},
+                **{"s": (0.0057, 1e-4, "rad"), "form": (1.0, NAN, "")},
             },
             "f3 = 0.012 +- 0.0005 N m",
         ),
@@ -168,6 +168,14 @@ NAN = float("nan")
             "stribeck",
             {"fs": (0.9, 0.6, "N m"), "vs": (0.06, 0.001, "rad/s"), "n": (2.0, NAN, "1")},
             "fs = 0.9 +- 0.6 N m",
+        ),
+        (  # a level that this form has not comes before the one that it has
+            "presliding",
+            {
+                **{"f0": (0.0, 5e-4, "N"), "f1": (0.0, 1.5e-3, "N"), "f2": (2.2, 1.6e-3, "N")},
+                **{"s": (2.7e-5, 2e-8, "m"), "form": (1.0, NAN, "1"), "vs": (0.0, NAN, "m/s")},
+            },
+            "f2 = 2.2 +- 0.0016 N",
         ),
         (
             "friction-drift",
@@ -234,6 +242,16 @@ def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
     assert _telling(found) == "c1 = 0.3 +- 0.01 N m"
     del found.parameters["j1.position-torque.c1"]
     assert _telling(found) == "t0 = 0.02 N m, undetermined"
+
+
+def test_a_spring_that_carries_a_part_says_so_beside_its_stiffness():
+    """A drive whose rotor the model counts to the link showed a stiffness a third too high."""
+    values = {"a": (0.75, 2e-4, "1"), "k": (99.9, 0.02, "N m/rad"), "zeta": (0.02, NAN, "1")}
+    told = _telling(finding("elastic-transmission", **values))
+    assert told == "k = 99.9 +- 0.02 N m/rad, a = 0.75"
+    values["a"] = (0.98, 2e-4, "1")
+    assert _telling(finding("elastic-transmission", **values)) == "k = 99.9 +- 0.02 N m/rad"
+    assert "a k" in catalogue.get("elastic-transmission").doc.caveat
 
 
 @pytest.mark.parametrize(
