@@ -16,7 +16,7 @@ from hil.errors import DataError
 
 BY_NAME = {t.name: t for t in TARGETS}
 #: Those that start a process for each input, or compile; the known attacks have own tests.
-SLOW = ("npz", "mat", "parquet", "xlsx", "replay")
+SLOW = ("npz", "mat", "parquet", "xlsx", "replay", "hdf5", "feather")
 #: Inputs that were once not refused properly, by target.
 SEEDS = sorted((Path(__file__).parent / "fuzz_seeds").glob("*.bin"))
 

@@ -57,7 +57,9 @@ KNOWN = {
 
 
 @needs_data
-@pytest.mark.parametrize("name", KNOWN)
+@pytest.mark.parametrize(
+    "name", [pytest.param("umn_grasper", marks=pytest.mark.slow), "wam_follower", "ur10"]
+)
 def test_person_on_recordings(name, monkeypatch):
     # the published figures are of rows among which a joint that creeps while it sticks still moves
     monkeypatch.setattr("hil.identify.bands.CREEP", 0.0)

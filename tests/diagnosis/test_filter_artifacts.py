@@ -70,6 +70,7 @@ def test_a_law_that_a_blunt_sign_stands_for_is_no_filter(seed):
     assert d.ladder[-1].heldout.rms[0] < 1.1 * d.noise[0]
 
 
+@pytest.mark.slow
 def test_a_sign_is_sharp_again_beside_the_correction_that_it_stood_for():
     d = diagnosed(plants.braked_axis(18))
     before, after = (r.values["j1.coulomb.v0"] for r in (d.explained.result, d.ladder[-1].result))

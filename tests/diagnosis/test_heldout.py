@@ -23,6 +23,7 @@ def test_a_fitted_session_is_no_held_out_one() -> None:
         hil.compare([run], hil.base_model(run.robot), [replace(run, name="copy")])
 
 
+@pytest.mark.slow
 def test_lost_counts_of_a_fitted_run_do_not_upset_a_held_out_run() -> None:
     """An effect of the whole robot with its own coefficients in every run."""
     runs = plants.arm(1), plants.arm(2)

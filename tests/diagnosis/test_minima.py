@@ -52,6 +52,7 @@ def exponential(q, v, a):
     return 0.05 * a + 0.4 * v + dry + 0.6 * np.sin(24 * q) + 9.0 * np.sin(q)
 
 
+@pytest.mark.slow
 def test_the_exponent_of_a_stribeck_curve_is_sought_with_the_resolution_of_the_sign():
     """One after the other they end at the second power, with 0.86 for 1.4 N m."""
     d = diagnosed(axis(exponential, 1, slow=0.6))
@@ -238,6 +239,7 @@ def test_a_fit_is_led_out_of_a_local_minimum_once(monkeypatch):
     assert answer.ladder
 
 
+@pytest.mark.slow
 def test_a_sign_that_turns_over_much_of_the_speed_gets_no_name():
     """Grease and seals let friction set in gradually, beyond the usual range of the sign."""
     run = axis(lambda q, v, a: 0.3 * a + 0.4 * v + 1.5 * np.tanh(v / 0.25), 5, noise=2e-3)

@@ -32,6 +32,7 @@ def test_a_wave_of_another_order_is_no_harmonic() -> None:
     assert not any(code == "harmonic" for code, _ in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_tight_spot_is_no_ripple_beside_its_friction() -> None:
     """Two harmonics of a period as long as the motion hardly make a step: the rest is no ripple."""
     train, other = (plants.cogging_axis(seed, 0.0, first=0.0, tight=0.6) for seed in (0, 1))

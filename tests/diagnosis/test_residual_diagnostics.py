@@ -136,6 +136,7 @@ def test_pushes_of_a_moment_are_told_with_their_times_and_left_out():
     assert not any(code == TOUCHED for code, _ in quiet.warnings)
 
 
+@pytest.mark.slow
 def test_pushes_of_several_joints_and_runs_do_not_hide_each_other():
     """All that a hand does on two joints of two runs is left out; a fit of squares hid half."""
     runs = []

@@ -59,7 +59,10 @@ def tired_magnets(q, v, a):
     [
         (spring_with_a_seal, "load-friction", "mu", 0.06),
         (ripple_of_a_gear, "torque-ripple", "p", 60 / (2 * np.pi)),
-        (tired_magnets, "torque-saturation", "L", 22.0),
+        pytest.param(
+            *(tired_magnets, "torque-saturation", "L", 22.0),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_second_effect_has_its_name_beside_one_that_is_twenty_times_as_large(

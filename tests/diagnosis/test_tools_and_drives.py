@@ -100,6 +100,7 @@ def test_a_smooth_change_over_the_position_is_no_cogging():
     assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
 
 
+@pytest.mark.slow
 def test_a_second_ripple_of_another_period_has_a_name():
     def stepper(q, v, a):
         return carried(q, v, a) + 0.3 * np.sin(50 * q) + 0.12 * np.sin(17 * q + 1)

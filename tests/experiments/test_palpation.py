@@ -16,6 +16,7 @@ from hil.experiments.pages import SeedMean
 from hil.teleop import force_sensor_free, law_parameters, rig_designs
 
 
+@pytest.mark.slow
 def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
     """Four channels, the same without sensors, and the benchmark; one trial each."""
     given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)

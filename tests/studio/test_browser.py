@@ -15,7 +15,10 @@ from hil.studio.intake import TEMPLATE
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +128,7 @@ def test_a_table_is_picked_and_an_own_effect_ranked_and_the_model_exported(page,
     page.locator("#kind").select_option("c")
     page.get_by_role("button", name="Export").click()
     page.locator("#said", has_text="written").wait_for()
-    assert (folder / "robot.h").stat().st_size > 500
+    assert (folder / "robot-c.h").stat().st_size > 500
     page.screenshot(path=str(folder / "studio.png"), full_page=True)
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)

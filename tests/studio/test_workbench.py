@@ -271,6 +271,7 @@ EFFECTS = (Drag(),)
 """
 
 
+@pytest.mark.slow
 def test_an_own_effect_is_saved_with_its_file_whatever_model_it_was_learnt_beside(
     tmp_path, monkeypatch
 ):
@@ -288,6 +289,7 @@ def test_an_own_effect_is_saved_with_its_file_whatever_model_it_was_learnt_besid
     assert read_model(saved).plugins == (place,)
 
 
+@pytest.mark.slow
 def test_what_a_diagnosis_recommends_outlives_its_process(tmp_path):
     session = StudioSession(inputs())
     shown = session.ask("diagnose", {})["diagnosis"]

@@ -67,6 +67,7 @@ def test_sessions_of_several_robots_are_diagnosed_group_by_group(folder, capsys)
     assert found[1]["diagnosis"] == alone
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_digits(folder, cluster, capsys, monkeypatch):
     for name, effect in dict(
         catalogue.table()
