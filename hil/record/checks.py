@@ -406,6 +406,8 @@ NOMINAL_SPEED = "nominal-speed"
 #: Below these rates [Hz] an identification is doubtful, or hopeless (with room for stamps of a
 #: nominal 10 Hz: slow motion of a large robot, as benchmarks are thinned out to).
 SLOW_HZ, HOPELESS_HZ = 100.0, 9.7
+#: Samples that a motion must last to be resolved.
+RESOLVED = 10
 #: Above it [Hz] the time is in another unit: filters and grids would take any memory.
 FASTEST_HZ = 1e6
 #: A run from which alone no effect is named (`hil.diagnosis.preconditions`) [s], and no fit made.
@@ -548,7 +550,10 @@ def _rate(t: FloatArray, dt: FloatArray, period: float) -> Iterator[DataFault]:
     if rate < SLOW_HZ:
         severity = "error" if rate < HOPELESS_HZ else "warning"
         hint = "; is the time in milliseconds? Scale it by 0.001 in a map"
-        text = f"{rate:.4g} Hz is slow for dynamics (from {SLOW_HZ:.0f} Hz on it is fine)"
+        text = (
+            f"{rate:.4g} Hz is slow for dynamics: what lasts less than {RESOLVED / rate:.2g} s is "
+            f"hardly resolved, and may look like an effect. Record at {SLOW_HZ:.0f} Hz or more"
+        )
         text += hint if severity == "error" else ""
         yield DataFault("sample-rate", severity, "", text)
     low, high = np.quantile(dt[~gaps], (0.05, 0.95)) if not gaps.all() else (period, period)
