@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, SURE
+from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, HALF, OPEN, SURE
 from hil.diagnosis.evidence import try_all
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split
@@ -464,7 +464,11 @@ def drawn_best(
 
 
 def shares(
-    result: FitResult, split: Split, found: Sequence[Candidate], first: FloatArray
+    result: FitResult,
+    split: Split,
+    found: Sequence[Candidate],
+    first: FloatArray,
+    floor: FloatArray,
 ) -> dict[Key, tuple[float, str]]:
     """What each name takes of all that it and any free function take, and that one's variables.
 
@@ -472,7 +476,8 @@ def shares(
 
     D the fall of the held-out mean square error by the name, and G by how much a free function
     does better: in its place, against the fall by that name; or beside all names of the joint,
-    against the fall by them together.  Only what is sure of G counts.
+    against the fall by them together.  Only what is sure of G counts.  Where one function in the
+    place of several names takes most of what all of them leave, they stand for it: none is shown.
 
     Parameters
     ----------
@@ -484,6 +489,8 @@ def shares(
         Its names.
     first : ndarray (d,)
         Held-out mean square errors of the model that names are judged against.
+    floor : ndarray (d,)
+        Noise floor, rms [N m or N].
     """
     problem, out = result.problem, dict[Key, tuple[float, str]]()
     if result.model.explains != "motor" or not found:
@@ -497,7 +504,11 @@ def shares(
         every = [g.key for g in base]
         taken = float(first[j]) - race.power(every)
         beside = race.best(every, every)
+        instead = race.proxies(every, [c.term.key for c in found if c.joint == j], floor[j] ** 2)
         for c in (c for c in found if c.joint == j):
+            if instead:
+                out[c.term.key] = (HALF, instead)
+                continue
             rest = [k for k in every if k != c.term.key]
             own = race.power(rest) - race.power(every)
             gain, words = beside
@@ -523,6 +534,17 @@ class _Race:
     def power(self, keys: Sequence[Hashable]) -> float:
         """Held-out mean square error of the joint."""
         return float(self.table.errors(keys).power[self.joint])
+
+    def proxies(self, every: Sequence[Hashable], names: Sequence[Key], floor: float) -> str:
+        """The function that several names stand for; nothing where they do not, or reach the floor.
+
+        By itself it leaves less than `OPEN` of the power that all of them leave above the floor.
+        """
+        left = self.power(every)
+        if len(names) < 2 or HALF * left < floor:
+            return ""
+        gain, words = self.best([k for k in every if k not in names], every)
+        return words if left - gain - floor < OPEN * (left - floor) else ""
 
     def best(self, keys: Sequence[Hashable], against: Sequence[Hashable]) -> tuple[float, str]:
         """What is sure of how much the best function with `keys` does better than `against`.

@@ -468,7 +468,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     there = search.examine.floor(end, last)
     renew(end)
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
-    taken = shares(end, search.split, search.found, search.base.errors.power)
+    taken = shares(end, search.split, search.found, search.base.errors.power, last.floor.rms)
     every = [finding(n, search, floor, other, taken) for n in named]
     over = above(search, last, there, named)
     every = rules.doubted(every, named, search, over)

@@ -526,6 +526,7 @@ OF_GEOMETRY = "without a robot description it may be gravity or the coupling of 
 #: Why a name is doubtful that paid only until the others were found, or was allowed until then.
 _UNSHOWN = "in the end, the error of the held-out data does not fall with it"
 _OUTGROWN = "beside the others it has values that its law does not allow: "
+_UNKNOWN = "none of its values is determined"
 
 
 def doubted(
@@ -582,7 +583,10 @@ def _outlived(every: list[Finding], named: Sequence[Named], end: FitResult) -> l
         why = "" if elsewhere or f.relative_after < f.relative_before else _UNSHOWN
         if not why and (now := last.get(term.key)) is not None and (says := forbidden(end, now)):
             why = f"{_OUTGROWN}{says}"
-        out.append(replace(f, confidence=min(f.confidence, HALF), reason=why) if why else f)
+        values = [v for v in f.parameters.values() if v.identifiable and v.stderr > 0.0]
+        if not why and values and all(abs(v.value) <= v.stderr for v in values):
+            why = _UNKNOWN
+        out.append(replace(f, confidence=HALF, reason=why) if why and f.confidence > HALF else f)
     return out
 
 

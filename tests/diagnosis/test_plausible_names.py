@@ -60,6 +60,18 @@ def test_viscous_friction_that_varies_over_the_range_has_no_name():
     assert d.verdict == "unexplained" and not d.findings
 
 
+def test_names_that_together_stand_for_one_function_are_none():
+    """A ripple at 1.00 and a tight spot left 2.8 %: the function itself leaves nothing."""
+    run = plants.axis(1, 30.0, 0.01, extra=lambda t, q, v: (2.0 + 1.5 * q) * v)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert d.verdict == "unexplained" and not d.findings
+    assert len(d.partial) > 1
+    assert all("position, by direction without a name" in f.reason for f in d.partial)
+    (way,) = d.corrections
+    assert "position, by direction" in way.of
+    assert d.ladder[-1].heldout.relative[0] < 0.01 * d.ladder[0].heldout.relative[0]
+
+
 def test_a_stop_is_still_one():
     d = diagnosed(lambda t, q, v: 6.0 * max(q - 0.7, 0.0) ** 1.5)
     assert named(d) == {"end-stop"}
