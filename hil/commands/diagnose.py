@@ -227,8 +227,9 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
 def _in_part(values: dict[str, Value], sized: bool) -> list[str]:
     """The share to which a law of that size holds, where the data say that it is not all."""
     a = values.get("a")
-    known = sized and a is not None and a.unit == "1" and _sure(a, VALUE_DEVIATIONS)
-    if not known or a is None or abs(a.value - 1.0) < max(TENTH, VALUE_DEVIATIONS * a.stderr):
+    if not sized or a is None or a.unit != "1" or not _sure(a, VALUE_DEVIATIONS):
+        return []
+    if abs(a.value - 1.0) < max(TENTH, VALUE_DEVIATIONS * a.stderr):
         return []
     return [f"a = {a.value:.3g}"]
 

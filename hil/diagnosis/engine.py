@@ -398,7 +398,7 @@ def separate(out: Diagnosis, search: Search, named: list[Named]) -> Diagnosis:
         if now is not before:
             c = now.candidate
             names = dict.fromkeys(rival_name(r, c, problem) for r in now.rivals)
-            most = HALF if f.reason.startswith(rules.OF_GEOMETRY) else 1.0
+            most = HALF if f.reason.startswith(rules.DOUBTS) else 1.0
             sure = min(f.confidence * now.confidence / max(before.confidence, 1e-300), most)
             why = "" if not names and f.reason == AS_WELL else f.reason
             out.findings[k] = replace(f, confidence=round(sure, 3), rivals=list(names), reason=why)

@@ -523,10 +523,14 @@ def _simulates(case: Refit) -> str:
 
 #: How the reason begins why a name is doubtful beside a geometry that was not learnt.
 OF_GEOMETRY = "without a robot description it may be gravity or the coupling of the joints"
-#: Why a name is doubtful that paid only until the others were found, or was allowed until then.
+#: Beside masses that are none; or why one is that paid only until the others were found, or was
+#: allowed until then.
+_UPWARDS = "beside it the gravity of {} acts upwards, which no masses can do"
 _UNSHOWN = "in the end, the error of the held-out data does not fall with it"
 _OUTGROWN = "beside the others it has values that its law does not allow: "
 _UNKNOWN = "none of its values is determined"
+#: How reasons begin that stay, whatever becomes of a name's rivals.
+DOUBTS = (OF_GEOMETRY, _UPWARDS.partition("{")[0], _UNSHOWN, _OUTGROWN, _UNKNOWN)
 
 
 def doubted(
@@ -563,7 +567,7 @@ def _weightless(every: list[Finding], named: Sequence[Named], result: FitResult)
         felt = bool(against) if effect.scope.whole else n.candidate.joint in against
         if felt and effect.family in (*SOLID, "contact"):
             names = ", ".join(result.problem.joints[j] for j in against)
-            why = f"beside it the gravity of {names} acts upwards, which no masses can do"
+            why = _UPWARDS.format(names)
             f = replace(f, confidence=min(f.confidence, HALF), reason=why)
         out.append(f)
     return out
@@ -586,7 +590,9 @@ def _outlived(every: list[Finding], named: Sequence[Named], end: FitResult) -> l
         values = [v for v in f.parameters.values() if v.identifiable and v.stderr > 0.0]
         if not why and values and all(abs(v.value) <= v.stderr for v in values):
             why = _UNKNOWN
-        out.append(replace(f, confidence=HALF, reason=why) if why and f.confidence > HALF else f)
+        if why and f.confidence > 0.0:
+            f = replace(f, confidence=min(f.confidence, HALF), reason=why)
+        out.append(f)
     return out
 
 

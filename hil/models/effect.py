@@ -318,7 +318,7 @@ def position_orders(
 
 
 def turning_orders(motion: Motion, j: int, highest: float, lowest: float) -> Shapes:
-    """The same; of an axis that turns as far as that once and twice a turn, too."""
+    """Those of `position_orders`; of an axis that turns as far, once and twice a turn, too."""
     over = position_orders(motion, j, highest, lowest)
     turn = 1 / (2 * np.pi)
     turns = over[0][0] <= turn and motion.robot.units[j] == "rad"

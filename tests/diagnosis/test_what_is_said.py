@@ -12,7 +12,7 @@ import pytest
 from hil.cli import main
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import short, text
-from hil.diagnosis import engine
+from hil.diagnosis import engine, rules
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import compare, ladder
@@ -155,3 +155,16 @@ def test_a_name_that_is_less_sure_beside_the_last_model_leaves_no_missing_effect
     out = Diagnosis("missing-effect", findings=[named])
     out = engine.separate(out, SimpleNamespace(problem=None), [before])
     assert (out.verdict, out.findings[0].confidence) == ("ambiguous", 0.4)
+
+
+@pytest.mark.parametrize(("reason", "most"), [*((x, 0.5) for x in rules.DOUBTS), ("", 0.9)])
+def test_a_name_that_is_doubtful_stays_so_when_its_rivals_go(monkeypatch, reason, most):
+    few = {"relative_before": 4.57, "relative_after": 4.63, "se": 0.3, "excess_explained": 0.0}
+    named = Finding("stribeck", "j1", 0.4, **few, parameters={}, rivals=["presliding"])
+    before = SimpleNamespace(candidate=SimpleNamespace(name="stribeck"), confidence=0.4)
+    after = SimpleNamespace(candidate=before.candidate, confidence=0.9, rivals=[])
+    monkeypatch.setattr(engine, "separated", lambda search, n: after)
+    monkeypatch.setattr(engine, "joint_of", lambda c, problem: "j1")
+    out = Diagnosis("ambiguous", findings=[replace(named, reason=reason)])
+    out = engine.separate(out, SimpleNamespace(problem=None), [before])
+    assert (out.findings[0].confidence, out.findings[0].reason) == (most, reason)
