@@ -10,8 +10,8 @@ Source: Karnopp, J. Dyn. Syst. Meas. Control 107, 1985 (set-valued friction at z
 
 Accelerations behind many low-pass filters at once, of which only the size is asked.
 
-Each filter is that of `bands.derivatives`: a Butterworth cascade, forward and backward, and twice
-the central difference.  A cascade waits for its own last value; several side by side do not wait
+Each filter is that of `bands.derivatives`: a Butterworth cascade, forward and backward, and the
+slope twice.  A cascade waits for its own last value; several side by side do not wait
 for each other, which is what makes this quick.
 """
 
@@ -28,6 +28,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from hil.errors import DataError
+from hil.models.kernels import slope
 from hil.models.model import Band
 from hil.record.jumps import resolution
 from hil.record.recording import Recording
@@ -357,10 +358,11 @@ def shaken(r: Recording, cutoff: float) -> float:
 
 
 def derivatives(q: FloatArray, fs: float, cutoff: float) -> tuple[FloatArray, ...]:
-    """Filtered position and its central differences, all (n, d).
+    """Filtered position, its speed and its acceleration, all (n, d).
 
-    4th order Butterworth, forward and backward (zero phase), then central differences, as
-    Gautier's inverse dynamic identification does.
+    4th order Butterworth, forward and backward (zero phase), then differences, as Gautier's inverse
+    dynamic identification does; of eighth order, as those of two neighbours take a fifth of the
+    inertia's effort at 6 Hz in a recording of 50 Hz.
 
     Raises
     ------
@@ -370,8 +372,13 @@ def derivatives(q: FloatArray, fs: float, cutoff: float) -> tuple[FloatArray, ..
     _long_enough(q)
     sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
     smooth = scipy.signal.sosfiltfilt(sos, q, axis=0)
-    speed = np.gradient(smooth, 1 / fs, axis=0)
-    return smooth, speed, np.gradient(speed, 1 / fs, axis=0)
+    speed = _slopes(smooth, fs)
+    return smooth, speed, _slopes(speed, fs)
+
+
+def _slopes(x: FloatArray, fs: float) -> FloatArray:
+    """Time derivatives of columns (n, d)."""
+    return np.stack([slope(np.ascontiguousarray(each), fs) for each in x.T], axis=1)
 
 
 def _long_enough(q: FloatArray) -> None:
@@ -481,13 +488,8 @@ def _power(wide: FloatArray, sos: FloatArray, rest: FloatArray, edge: int, fs: f
         x[:, k] = wide
     _cascade(x, sos, rest, 0, 1)
     _cascade(x, sos, rest, wide.size - 1, -1)
-    total, v = np.zeros(lanes), np.empty(n)
+    total = np.zeros(lanes)
     for k in range(lanes):
-        for i in range(n):
-            low, high = max(i - 1, 0), min(i + 1, n - 1)
-            v[i] = (x[edge + high, k] - x[edge + low, k]) * (fs / (high - low))
-        for i in range(n):
-            low, high = max(i - 1, 0), min(i + 1, n - 1)
-            a = (v[high] - v[low]) * (fs / (high - low))
-            total[k] += a * a
+        acceleration = slope(slope(x[edge : edge + n, k].copy(), fs), fs)
+        total[k] = np.sum(acceleration**2)
     return total / n

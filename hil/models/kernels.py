@@ -9,6 +9,35 @@ from hil.models.motion import FloatArray
 
 #: Least part of its stiffness that a weight which tips over leaves of a spring.
 LEAST_PART = 0.1
+#: Weights of the differences over 1 to 4 samples on either side, by how many there are (Fornberg,
+#: Mathematics of Computation 51, 1988, table 1).  Of a wave of w rad a sample four of them miss
+#: w^8 / 630 of its slope, a single one w^2 / 6: at the fifth of the rate up to which efforts are
+#: used 1 % and 26 %.
+DIFFERENCES = np.array(
+    [
+        [1 / 2, 0.0, 0.0, 0.0],
+        [2 / 3, -1 / 12, 0.0, 0.0],
+        [3 / 4, -3 / 20, 1 / 60, 0.0],
+        [4 / 5, -1 / 5, 4 / 105, -1 / 280],
+    ]
+)
+
+
+@numba.njit(cache=True, nogil=True)
+def slope(x: FloatArray, rate: float) -> FloatArray:
+    """Time derivative (n,) of an evenly sampled signal (n,), by differences of eighth order.
+
+    Fewer samples are taken at its ends, at the very ends one on the one side.
+    """
+    out, last = np.empty(x.size), x.size - 1
+    for i in range(x.size):
+        reach = min(i, last - i, len(DIFFERENCES))
+        total = 0.0
+        for k in range(reach):
+            total += DIFFERENCES[reach - 1, k] * (x[i + k + 1] - x[i - k - 1])
+        out[i] = total * rate
+    out[0], out[last] = (x[1] - x[0]) * rate, (x[last] - x[last - 1]) * rate
+    return out
 
 
 @numba.njit(cache=True, nogil=True)

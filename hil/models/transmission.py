@@ -46,7 +46,7 @@ from hil.models.effect import (
     log_grid,
     motor_inertias,
 )
-from hil.models.kernels import softened, sprung
+from hil.models.kernels import slope, softened, sprung
 from hil.models.motion import FloatArray, Motion
 
 #: Longest step of the integration [s].
@@ -355,7 +355,7 @@ class ElasticTransmission(_Resonance):
         load = carried(motion, j, own)
         weight = link_weight(motion, j)
         passed, stretch, rate = sprung(load, inertia, weight, motion.dt, k, zeta)
-        grows = np.gradient(inertia, motion.dt)
+        grows = slope(inertia, 1 / motion.dt)
         second = (load - passed - weight * stretch - grows * rate) / inertia
         out = felt(motion, j, stretch, rate, second)
         out[:, j] = passed - load

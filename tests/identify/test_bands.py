@@ -10,6 +10,7 @@ from scipy.fft import next_fast_len
 from hil.errors import DataError
 from hil.identify.bands import choose, derivatives, motion_bandwidth, smooth
 from hil.identify.prepare import Decimator
+from hil.models.kernels import slope
 from hil.models.model import Band
 from hil.record.recording import Recording
 
@@ -76,6 +77,21 @@ def test_derivatives_of_a_sine() -> None:
     np.testing.assert_allclose(q[middle], np.sin(wt), atol=1e-6)
     np.testing.assert_allclose(qd[middle] / w, np.cos(wt), atol=1e-4)
     np.testing.assert_allclose(qdd[middle] / w**2, -np.sin(wt), atol=2e-4)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_slopes_are_exact_up_to_the_fifth_of_the_rate(share: float) -> None:
+    fs, w = 50.0, 2 * np.pi * share * 50.0
+    t = np.arange(300) / fs
+    speed = slope(np.sin(w * t), fs)[6:-6]
+    missed = np.max(np.abs(speed / w - np.cos(w * t)[6:-6]))
+    assert missed < 1.05 * (2 * np.pi * share) ** 8 / 630 + 1e-12
+
+
+def test_slopes_of_a_parabola_are_exact_next_to_the_ends() -> None:
+    t = np.arange(12) / 10.0
+    np.testing.assert_allclose(slope(2 * t + 3 * t**2, 10.0)[1:-1], (2 + 6 * t)[1:-1], rtol=1e-12)
+    np.testing.assert_allclose(slope(2 * t, 10.0), 2.0, rtol=1e-12)
 
 
 def test_derivatives_of_a_parabola_are_exact_away_from_the_ends() -> None:
