@@ -70,6 +70,27 @@ def smooth_axis(seed=0, seconds=30.0, rate=500.0, extra=None, push=None, noise=0
     return single(f"axis{seed}", t, q, tau, tau_ext=ext, robot=SINGLE)
 
 
+def moved_axis(seed, rate=200.0, seconds=30.0, took=(0.3, 0.9), rest=(0.1, 0.5), extra=None):
+    """One axis of inertia 0.1, Coulomb 0.05, viscous 0.02, moved from point to point with rests.
+
+    `took` and `rest` are the shortest and the longest of each [s]; the run begins at rest.
+    """
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * rate)) / rate
+    q, v, a = np.zeros((3, t.size))
+    start, at = 0.5, 0.0
+    while start < seconds - took[1] - 0.5:
+        time, size = rng.uniform(*took), rng.uniform(-1.0, 1.0) - at
+        s = np.clip((t - start) / time, 0.0, 1.0)
+        q += size * s**3 * (10 - 15 * s + 6 * s**2)
+        v += size * 30 * s**2 * (1 - s) ** 2 / time
+        a += size * 60 * s * (1 - s) * (1 - 2 * s) / time**2
+        at, start = at + size, start + time + rng.uniform(*rest)
+    tau = 0.1 * a + 0.05 * np.tanh(v / 0.01) + 0.02 * v + 0.004 * rng.normal(size=t.size)
+    if extra is not None:
+        tau = tau + extra(t, q, v, a)
+    return single(f"moves{seed}", t, q, tau, robot=SINGLE)
+
+
 def warming_axis(seed: int, seconds: float = 60.0) -> Recording:
     """One axis whose friction falls as its own losses warm it, now busy and now hardly moving."""
     rng, t = np.random.default_rng(seed), np.arange(int(seconds * 200)) / 200.0

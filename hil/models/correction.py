@@ -466,6 +466,44 @@ class OfOtherJoint(Correction):
         return np.concatenate([own, powers, np.stack([between, accelerated], axis=1)], axis=1)
 
 
+#: Powers of the positions of two joints in a sum of their products: (own, other), each with at
+#: least one of both.  The own powers alone are those of `OfPosition`.
+TOGETHER = tuple((a, b) for b in range(4) for a in range(4) if 0 < a + b <= 3)
+
+
+def _of_two_positions_grid(motion: Motion, j: int) -> Shapes:
+    """Every other joint that moves, over both ranges."""
+    others = [k for k in range(motion.d) if k != j and float(np.ptp(motion.span[k])) > 0]
+    return [(float(k + 1), *_range(motion, j), *_range(motion, k)) for k in others]
+
+
+class OfTwoPositions(Correction):
+    """Any smooth function of this joint's position and another one's: what spans both."""
+
+    name = "correction-posture"
+    doc = _doc(
+        equation="tau = sum_ab c_ab T_a(x) T_b(xk),  0 < a + b <= 3, T Chebyshev's",
+        variables="its position and another joint's",
+    )
+    params = _coefficients(len(TOGETHER), "coefficient of T_a T_b")
+    shape = (
+        Param("joint", "1", "number of the other joint", 0.0, choice=True),
+        _CENTRE,
+        _HALF,
+        Param("centre_k", "1", "middle of the other one's range, in rad or m"),
+        Param("half_k", "1", "half the other one's range, in rad or m", 0.0),
+    )
+    scope = replace(Correction.scope, lacks=_of_other_joint_lacks)
+    search = Grid(_of_two_positions_grid, refine=False)
+    traits = Correction.traits | Trait.MOTION
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """T_a(x) T_b(xk)."""
+        own = _powers(motion.q[:, j], shape[1], shape[2], 3)
+        other = _powers(motion.q[:, round(float(shape[0])) - 1], shape[3], shape[4], 3)
+        return np.stack([own[:, a] * other[:, b] for a, b in TOGETHER], axis=1)
+
+
 EFFECTS = (
     OfPosition(),
     OfDetail(),
@@ -477,4 +515,5 @@ EFFECTS = (
     OfPast(),
     OfLoad(),
     OfOtherJoint(),
+    OfTwoPositions(),
 )

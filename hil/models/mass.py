@@ -26,10 +26,12 @@ from hil.models.effect import (
     Trait,
     Waves,
     even_ratio,
+    log_grid,
     one_joint,
     other_ratios,
     turning_orders,
 )
+from hil.models.kernels import lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import JOINT
 from hil.models.robots import IndependentAxes
@@ -179,6 +181,59 @@ class Spring(Effect):
         """[q - mid-range, 1]."""
         centred = motion.q[:, j] - motion.span[j].mean()
         return np.stack([centred, np.ones_like(centred)], axis=1)
+
+
+#: Relaxation times that are tried: from what is told from a damper to what is told from a spring
+#: [s], and how many.  Half as many: the climb begins further off and finds the same one.
+RELAXATIONS, RELAXATION_STEPS = (0.03, 20.0), 14
+#: Share of the shortest run that such a time may take: what was before it is not known.  Double: a
+#: spring's rest that was wrong at the start passes for one; half: tissue of a minute goes unnamed.
+FORGOTTEN = 1 / 4
+
+
+def _relaxation_grid(motion: Motion, j: int) -> Shapes:
+    """Times that the run forgets."""
+    longest = FORGOTTEN * motion.n * motion.dt
+    return [x for x in log_grid(*RELAXATIONS, RELAXATION_STEPS) if x[0] <= longest]
+
+
+def _relaxation_lacks(motion: Motion, j: int) -> str:
+    """Needs a run that is long enough to forget how it began."""
+    return "" if _relaxation_grid(motion, j) else "needs a longer run"
+
+
+def _relaxation_holds(f: Fitted) -> bool:
+    """It takes energy."""
+    return f.beta[0] > 0.0
+
+
+class Relaxation(Effect):
+    """A spring behind a damper, as of rubber or tissue: what is stretched yields with time."""
+
+    name, family = "relaxation", "stiffness"
+    doc = Doc(
+        equation="tau = k (q - x),  T dx/dt + x = q  (damper: k T)",
+        signature="effort that decays after every move, and loops over position that slow motion "
+        "flattens",
+        confused_with=("spring", "presliding", "viscous"),
+        shown_by="steps that are held for several times T, and sines from slow to fast",
+        source="Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, "
+        "1976, 5.2 (Maxwell element)",
+    )
+    params = (Param("k", "{F}/{x}", "stiffness that yields"),)
+    shape = (Param("T", "s", "time in which the effort decays to 37 %", 0.0, size=True),)
+    scope = Scope(lacks=_relaxation_lacks)
+    search = Grid(_relaxation_grid)
+    limits = (
+        Limit("passive", _relaxation_holds, says="it would give energy to the joint"),
+        STRICT,
+    )
+    traits = Trait.REPLAYED
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """Stretch of the spring; the run begins relaxed."""
+        q = np.ascontiguousarray(motion.q[:, j])
+        return (q - lag(q, motion.dt, float(shape[0])))[:, None]
 
 
 def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
@@ -454,6 +509,7 @@ EFFECTS: tuple[Effect, ...] = (
     Armature(),
     BaseTilt(),
     Spring(),
+    Relaxation(),
     CoupledSpring(),
     Unbalance(),
     VariableInertia(),

@@ -147,8 +147,8 @@ def _presliding_remark(values: Mapping[str, float], errors: Mapping[str, float])
     if values["form"] != LUGRE or values["f2"] > VALUE_DEVIATIONS * errors["f2"]:
         return ""
     return (
-        f"f2 is within {VALUE_DEVIATIONS:g} standard errors of zero: LuGre's law without a rise at "
-        "low speed is Dahl's, and vs then says nothing"
+        f"its rise at low speed (f2) is within {VALUE_DEVIATIONS:g} standard errors of zero: read "
+        "it as Dahl's law, without vs"
     )
 
 

@@ -58,6 +58,11 @@ def late_grid(motion: Motion, j: int) -> Shapes:
     return [(t / n, n) for n in (1.0, 2.0) for (t,) in log_grid(5e-4, 0.06, 14)]
 
 
+def _lag_grid(motion: Motion, j: int) -> Shapes:
+    """The same to 200 ms: valves, propellers and muscles of air are slower than motors."""
+    return [(t / n, n) for n in (1.0, 2.0) for (t,) in log_grid(5e-4, 0.2, 17)]
+
+
 def _delay_grid(motion: Motion, j: int) -> Shapes:
     """0.5 to 60 ms: a slower motor is no motor."""
     return log_grid(5e-4, 0.06, 14)
@@ -105,7 +110,7 @@ class ActuatorLag(Effect):
         Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
     )
     relations = Relations(causes=LATENESS)
-    search = Grid(late_grid)
+    search = Grid(_lag_grid)
     limits = (STRICT,)
     traits = Trait.REPLAYED | Trait.LATE
 

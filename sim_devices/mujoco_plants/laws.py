@@ -373,7 +373,7 @@ LINK: dict[str, Callable[[Place], Law]] = {
     "position-torque": umbilical,
     "two-stops": cushions,
     "periodic-disturbance": hum,
-    "outside-creeping-hose": hose,
+    "relaxation": hose,
     "outside-magnetic-latch": latch,
     "outside-wind": gusts,
 }

@@ -80,7 +80,11 @@ LATER = (
     "capstan-friction",
 )
 #: Laws that had no name then: they keep their numbers.
-UNNAMED = {"dead-zone": "outside-dead-zone", "gain-drift": "outside-warm-gain"}
+UNNAMED = {
+    "dead-zone": "outside-dead-zone",
+    "gain-drift": "outside-warm-gain",
+    "relaxation": "outside-creeping-hose",
+}
 
 NAMES = sorted(
     {"payload-change"}.union(

@@ -92,3 +92,18 @@ def test_a_torque_over_two_positions_is_found_in_the_floor():
     best = max(d.network, key=lambda s: s.share)
     assert best.feature == "network: q of joint2 and joint1" and best.joint == "joint2"
     assert "its position and that of joint1" in best.text
+
+
+def test_a_harness_over_two_joints_is_foretold_by_both_positions():
+    """The answer had said which two variables carry it, and no correction followed them."""
+    runs = []
+    for seed in (1, 2):
+        run = plants.arm(seed, seconds=12.0)
+        stretch = run.q[:, 0] + 0.6 * run.q[:, 1] - 0.1
+        harness = np.outer(0.4 * stretch**3, [1.0, 0.6, 0.0][: run.d])
+        runs.append(replace(run, tau=run.tau + harness))
+    d = hil.diagnose(runs[0], hil.base_model(runs[0].robot), runs[1])
+    assert {c.effect for c in d.corrections} >= {"correction-posture"}
+    assert "its position and another joint's" in {c.of for c in d.corrections}
+    after, before = d.ladder[-1].heldout.rms[:2], d.ladder[0].heldout.rms[:2]
+    assert np.all(after < 0.45 * before)

@@ -49,8 +49,10 @@ REFUSED = {
     "elastic-transmission",
     "variable-inertia",
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag", "capstan-friction",
+    "relaxation",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
+    "correction-posture",
     "generic-gravity", "generic-posture", "generic-inertia", "generic-loop",
 }  # fmt: skip
 

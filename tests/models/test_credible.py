@@ -40,6 +40,7 @@ IMPOSSIBLE = {
     "missed-counts": ((1.0,), (0.8,)),
     "local-friction": ((0.0, 0.5), (0.1, 0.0)),
     "coupled-spring": ((2.0, -0.1), (1.0,)),
+    "relaxation": ((0.5,), (-1.0,)),
     "payload-change": ((1.0, 0.0, 0.0, 0.0, 0.0), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
     "quadratic-drag": ((), (-0.1,)),

@@ -295,6 +295,16 @@ def test_lag_is_the_answer_of_its_poles(poles: int) -> None:
     np.testing.assert_allclose(column[200:], expected[200:], atol=1e-3)
 
 
+def test_relaxation_is_the_answer_of_a_spring_behind_a_damper() -> None:
+    t, w, time = np.arange(4000) * 0.002, 6.0, 0.2
+    motion = motion_of(IndependentAxes(("a",)), n=4000).with_(t=t, q=np.sin(w * t)[:, None])
+    column = catalogue.get("relaxation").columns(motion, 0, (time,))[:, 0]
+    answer = 1j * w * time / (1 + 1j * w * time)  # of stiffness one
+    np.testing.assert_allclose(
+        column[1000:], np.imag(answer * np.exp(1j * w * t))[1000:], atol=1e-3
+    )
+
+
 def test_coupled_transmission_obeys_virtual_work() -> None:
     motion = motion_of(IndependentAxes(("a", "b", "c")))
     x = catalogue.get("coupled-transmission").columns(motion, 0, (3.0, -1.0))
