@@ -471,7 +471,8 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     taken = shares(end, search.split, search.found, search.base.errors.power, last.floor.rms)
     every = [finding(n, search, floor, other, taken) for n in named]
     over = above(search, last, there, named)
-    every = rules.doubted(every, named, search, over)
+    left = ladder[-1].heldout.rms > ADEQUATE * (floor if other is None else other)
+    every = rules.doubted(every, named, search, over, left | (end.rms > ADEQUATE * floor))
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
@@ -560,17 +561,17 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
             text = (
                 f"{problem.joints[j]}: {name} would lower the error{of} from {was:.3g} to "
                 f"{now:.3g} % of the effort, but is not named: {stop.reason}. "
-                + _what_then(stop, name, problem.joints[j])
+                + _what_then(stop, name, problem.joints[j], bool(search.found))
             )
             found.append((REFUSED, text))
     return found
 
 
-def _what_then(stop: CheckResult, name: str, joint: str) -> str:
-    """What to do with a law that would help and is not named."""
+def _what_then(stop: CheckResult, name: str, joint: str, beside: bool) -> str:
+    """What to do with a law that would help, perhaps beside others, and is not named."""
     if stop.code == "physical":
         return "What is missing acts much like it"
-    return to_try(name, joint)
+    return to_try(name, joint, beside)
 
 
 def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> str:

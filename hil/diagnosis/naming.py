@@ -83,7 +83,7 @@ def exchange(search: Search) -> list[Named]:
             now = search.now
             rated, projector = _beside(search, c)
             rated = _settled(search, c, rated)
-            other = _better(search, c, rated)
+            other = _better(search, c, rated) or _suiting(search, c, rated, projector)
             went = {} if other is not None else _elsewhere(search, c, rated)
             if other is not None or search.now is not now:
                 changed = True
@@ -361,21 +361,65 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
     if best is own or paired(best.fall - own.fall) < RISEN or best.after > own.after:
         renew(search.now.result)
         return None
-    now = search.now
-    model = without(now.result.model, c, search.problem) + as_use(best.candidate, search.problem)
-    label = f"{describe(best.candidate, search.problem)} for {describe(c, search.problem)}"
-    rung = search.rung(label, model, now.result.sigma)
+    now, rung = search.now, _in_place(search, c, best.candidate)
     weight = ~search.problem.holds / np.maximum(now.errors.power, 1e-300)
     gain = paired((now.errors.squared - rung.errors.squared) @ weight)
     if gain < RISEN or rules.fails(rules.Refit(search, best, now, rung), FORMS):
         search.refused.add((best.candidate.name, c.term.joint))
         renew(now.result)
         return None
-    rung.added = (best.candidate,)
-    search.rungs.append(rung)
-    search.found[search.found.index(c)] = best.candidate
-    search.refused.add((c.name, c.term.joint))
+    _exchanged(search, c, best.candidate, rung)
     return best.candidate
+
+
+def _suiting(
+    search: Search, c: Candidate, rated: list[Rated], projector: Projector
+) -> Candidate | None:
+    """The law that acts like one, has no more values, and does as much once all is fitted with it.
+
+    Shapes of other effects of the joint are those that suit the law that was found first, and are
+    sought again without it: a polynomial over the position stands for a weight and a stop together
+    until the stop has a name, and a weight for a spring until the relaxation beside it has one.
+    With as many values the other law must do better.
+    """
+    own = next((r for r in rated if _own(r, c)), None)
+    if own is None:
+        return None
+    shaped = any(f is not c and f.joint == c.joint and f.term.effect.shape for f in search.found)
+    alike = [
+        r
+        for r in rated
+        if r is not own
+        and r.joint == c.joint
+        and r.candidate.dof <= c.dof
+        and (r.candidate.name, c.term.joint) not in search.refused
+        and (shaped or r.removed > (1 - DISCREPANCY) * own.removed)
+        and not (c.term.effect.scope.whole or r.candidate.term.effect.scope.whole)
+        and overlap(r.candidate, c, projector) > SAME_COSINE
+    ]
+    now, most = search.now, search.score(_refitted(own, search.now))
+    for r in sorted(alike, key=lambda r: r.after)[:STARTS]:
+        rung = _in_place(search, c, r.candidate)
+        gain = paired((now.errors.squared - rung.errors.squared)[:, c.joint])
+        least = RISEN if r.candidate.dof == c.dof else -RISEN
+        if gain < least or missed(rung.errors, now.errors, search.moves):
+            continue
+        if search.score(_refitted(r, rung)) < most:
+            continue
+        if not rules.fails(rules.Refit(search, r, now, rung), FORMS):
+            _exchanged(search, c, r.candidate, rung)
+            return r.candidate
+    return None
+
+
+def _exchanged(search: Search, c: Candidate, other: Candidate, rung: Visited) -> None:
+    """One effect in the place of another, for good."""
+    label = f"{describe(other, search.problem)} for {describe(c, search.problem)}"
+    rung.step, rung.added = replace(rung.step, label=label), (other,)
+    renew(rung.result)
+    search.rungs.append(rung)
+    search.found[search.found.index(c)] = other
+    search.refused.add((c.name, c.term.joint))
 
 
 def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[str, int], Rated]:

@@ -49,6 +49,7 @@ from hil.diagnosis.folds import Split, levels, parts
 from hil.diagnosis.preconditions import upwards
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Finding
 from hil.identify.design import Term, head
+from hil.identify.gauss_newton import complete
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
 from hil.models.effect import SOLID, Trait, Waves
@@ -83,6 +84,8 @@ CANDIDATE: dict[str, Callable[[RuleCase], str]] = {}
 FIT: dict[str, Callable[[Refit], str]] = {}
 #: Codes of rules that are not asked: for the ablation alone.
 OFF: set[str] = set()
+#: What two rules say.
+INACCURATE = "it may be an inaccuracy of the laws named before"
 #: Rules without which no answer of the quick plans changes, and the tests that fail without them.
 PROVOKED = {
     "detected": "tests/diagnosis/test_rules.py",
@@ -202,17 +205,23 @@ def _discrepancy(case: RuleCase) -> str:
 
     No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass or a
     spring: those are laws of posture and acceleration, which dissipate nothing, and smooth ones, so
-    that a ripple over the position is none either.  Nor is what halves the error, to the noise
-    floor: no other law fits what a law misses so well.
+    that a ripple over the position is none either.  Nor is what halves the error, down to the noise
+    floor or to a tenth of what is above it: no other law fits what a law misses so well.
     """
     r = case.rated
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
-    floor, left = case.evidence.floor, np.zeros(case.search.problem.d)
-    left[r.joint] = max(r.after, 0.0) ** 0.5
-    alone = r.after < HALF**2 * r.before and not floor.exceeded(left, r.joint)
-    small = not alone and r.removed <= inaccuracy(case.search, r.candidate, r.joint, r.before)
-    return "it may be an inaccuracy of the laws named before" if small else ""
+    small = r.removed <= inaccuracy(case.search, r.candidate, r.joint, r.before)
+    return INACCURATE if small and not _whole(r.before, r.after, r.joint, case.evidence) else ""
+
+
+def _whole(before: float, after: float, j: int, evidence: Evidence) -> bool:
+    """Whether a fall of the squared error of joint j is to its floor, but for a tenth."""
+    floor = evidence.floor
+    now = np.zeros(len(floor.rms))
+    now[j] = max(after, 0.0) ** 0.5
+    nearly = before - after > (1 - TENTH) * (before - float(floor.rms[j]) ** 2)
+    return after < HALF**2 * before and (nearly or not floor.exceeded(now, j))
 
 
 def inaccuracy(search: Search, c: Candidate, j: int, without: float) -> float:
@@ -381,6 +390,17 @@ def _keeps(case: Refit) -> str:
     return "" if kept else "the error does not fall once all parameters are fitted again"
 
 
+@_fit("outgrows")
+def _outgrows(case: Refit) -> str:
+    """The same as `_discrepancy`, of what it takes once everything is fitted again."""
+    c, search, j = case.rated.candidate, case.search, case.rated.joint
+    if Trait.CORRECTION in c.term.effect.traits or search.last is None:
+        return ""
+    old, new = (float(x.errors.power[j]) for x in (case.before, case.after))
+    small = old - new <= inaccuracy(search, c, j, old)
+    return INACCURATE if small and not _whole(old, new, j, search.last) else ""
+
+
 @_fit("never-rises")
 def _rises(case: Refit) -> str:
     """A model that is worse on held-out runs, on any joint and beyond chance, is no rung.
@@ -529,12 +549,17 @@ _UPWARDS = "beside it the gravity of {} acts upwards, which no masses can do"
 _UNSHOWN = "in the end, the error of the held-out data does not fall with it"
 _OUTGROWN = "beside the others it has values that its law does not allow: "
 _UNKNOWN = "none of its values is determined"
+_CORNERED = "more is missing there, and a value lies at the end of what was searched: "
 #: How reasons begin that stay, whatever becomes of a name's rivals.
-DOUBTS = (OF_GEOMETRY, _UPWARDS.partition("{")[0], _UNSHOWN, _OUTGROWN, _UNKNOWN)
+DOUBTS = (OF_GEOMETRY, _UPWARDS.partition("{")[0], _UNSHOWN, _OUTGROWN, _UNKNOWN, _CORNERED)
 
 
 def doubted(
-    every: list[Finding], named: Sequence[Named], search: Search, over: NDArray[np.bool_]
+    every: list[Finding],
+    named: Sequence[Named],
+    search: Search,
+    over: NDArray[np.bool_],
+    left: NDArray[np.bool_],
 ) -> list[Finding]:
     """Findings, of which those have even odds at most that the last model makes doubtful.
 
@@ -547,11 +572,13 @@ def doubted(
     search : Search
         With its last model; knows whether the geometry is known.
     over : ndarray (d,)
-        Joints whose error is above the noise floor.
+        Joints on which something is missing.
+    left : ndarray (d,)
+        Joints whose error is above the noise floor, on the fitted runs or on the held-out ones.
     """
     end = search.now.result
     every = _shapeless(_weightless(every, named, end), search, over)
-    return _outlived(every, named, end)
+    return _cornered(_outlived(every, named, end), named, end, left)
 
 
 def _weightless(every: list[Finding], named: Sequence[Named], result: FitResult) -> list[Finding]:
@@ -585,12 +612,45 @@ def _outlived(every: list[Finding], named: Sequence[Named], end: FitResult) -> l
         term, varies = n.candidate.term, n.candidate.term.effect.variation
         elsewhere = varies.dated(term.shape) or (term.per_run and not varies.own(term.shape))
         why = "" if elsewhere or f.relative_after < f.relative_before else _UNSHOWN
-        if not why and (now := last.get(term.key)) is not None and (says := forbidden(end, now)):
+        if not why and (says := _forbidden(end, last.get(term.key))):
             why = f"{_OUTGROWN}{says}"
         values = [v for v in f.parameters.values() if v.identifiable and v.stderr > 0.0]
         if not why and values and all(abs(v.value) <= v.stderr for v in values):
             why = _UNKNOWN
         if why and f.confidence > 0.0:
+            # what raises an error is no finding
+            rose = why == _UNSHOWN and f.relative_after > (1 + WORTH / 2) * f.relative_before
+            f = replace(f, confidence=0.0 if rose else min(f.confidence, HALF), reason=why)
+        out.append(f)
+    return out
+
+
+def _forbidden(end: FitResult, term: Term | None) -> str:
+    """Why an effect's own law does not allow its values in the end; empty if it does.
+
+    Coefficients are less sure than beside a given shape where the shape is not: that is asked only
+    if it may matter, for it takes as long as a fit.
+    """
+    says = "" if term is None else forbidden(end, term)
+    return forbidden(complete(end), term) if says and term is not None else ""
+
+
+def _cornered(
+    every: list[Finding], named: Sequence[Named], end: FitResult, left: NDArray[np.bool_]
+) -> list[Finding]:
+    """Findings, of which those are doubtful whose shape would go on beyond what it may be.
+
+    Where the error is above the noise floor beside it, another law is meant, which this one follows
+    as far as it can.
+    """
+    out = []
+    for f, n in zip(every, named, strict=True):
+        effect, j = n.candidate.term.effect, n.candidate.joint
+        start = head(effect, n.candidate.term.joint)
+        shapes = {f"{start}.{p.name}": p.text for p in effect.shape if not p.choice}
+        ends = [x for k, x in shapes.items() if k in end.values and end.values[k].at_bound]
+        if ends and left[j]:
+            why = f"{_CORNERED}{ends[0]}"
             f = replace(f, confidence=min(f.confidence, HALF), reason=why)
         out.append(f)
     return out

@@ -436,12 +436,8 @@ class Search(Models):
         these have settled with it, and what it takes then is no inaccuracy of theirs.
         """
         before = self.rungs[-1 - corrections]
-        for j, laws in self.instead.items():
+        for laws in self.instead.values():
             for r, rung in laws[:1]:
-                left = float(before.errors.power[j])
-                fell = left - float(rung.errors.power[j])
-                if fell <= rules.inaccuracy(self, r.candidate, j, left):
-                    continue
                 if rules.fails(rules.Refit(self, r, before, rung)) is not None:
                     continue
                 label = f"+ {describe(r.candidate, self.problem)}"

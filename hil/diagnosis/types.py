@@ -513,10 +513,15 @@ class UnnamedCorrection:
     alike: tuple[str, ...] = ()
 
 
-def to_try(effect: str, joint: str) -> str:
-    """How to try an effect that has no name: a sentence, and a command for stand-in files."""
-    typed = f"hil add {effect} S.mcap --joint {shlex.quote(joint)} --model M.toml"
-    return f"To try it with the given model:\n{typed}"
+def to_try(effect: str, joint: str, beside: bool = False) -> str:
+    """How to try an effect that has no name: a sentence, and a command for stand-in files.
+
+    `beside`: it helps only with the effects that are named.
+    """
+    model = "IMPROVED.toml" if beside else "M.toml"
+    typed = f"hil add {effect} S.mcap --joint {shlex.quote(joint)} --model {model}"
+    with_ = "improved model, which -o writes" if beside else "given model"
+    return f"To try it with the {with_}:\n{typed}"
 
 
 @dataclass(frozen=True)

@@ -332,11 +332,22 @@ def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped
         of_conservative=lambda j: masses,
         problem=SimpleNamespace(d=1),
     )
-    one.evidence = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: rms[j] > 0.05))
+    level = {"exceeded": lambda rms, j: rms[j] > 0.05, "rms": np.array([0.045])}
+    one.evidence = SimpleNamespace(floor=SimpleNamespace(**level))
     one.rated.after = 0.01
     assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
     one.rated.after = 0.04**2  # a quarter, at its floor: no law fits so what another one misses
     assert not rules.CANDIDATE["discrepancy"](one)
+    # and so does what takes nine tenths of what is above the floor, as once all is fitted with it
+    one.rated.after = 0.06**2
+    assert not rules.CANDIDATE["discrepancy"](one)
+    one.rated.after = 0.07**2
+    assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
+    one.search.last = one.evidence
+    one.before = SimpleNamespace(errors=SimpleNamespace(power=np.array([0.02])))
+    for left, refused in ((0.06, False), (0.12, stopped)):
+        one.after = SimpleNamespace(errors=SimpleNamespace(power=np.array([left**2])))
+        assert bool(rules.FIT["outgrows"](one)) is refused
 
 
 @pytest.mark.parametrize(("periods", "masses", "stopped"), [(6.0, 1.0, False), (2.0, 1.0, True)])
@@ -350,5 +361,6 @@ def test_a_ripple_is_no_inaccuracy_of_a_mass(periods: float, masses: float, stop
         of_conservative=lambda j: masses,
         problem=SimpleNamespace(d=1, span=np.array([[-1.0, 2.0]])),
     )
-    one.evidence = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: True))
+    level = {"exceeded": lambda rms, j: True, "rms": np.array([0.01])}
+    one.evidence = SimpleNamespace(floor=SimpleNamespace(**level))
     assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped

@@ -117,6 +117,7 @@ def refusing(after, sureness, before=1.0, kind="holdout"):
         now=SimpleNamespace(errors=errors),
         stops={("load-friction", 0): stop},
         examine=SimpleNamespace(kind=kind),
+        found=[],
     )
 
 
@@ -143,5 +144,9 @@ def test_the_law_that_would_do_most_is_told_with_the_test_that_it_failed(
         assert "load-friction" in text and "100 to 20 %" in text and "it may be another's" in text
         assert "the error on left-out blocks of the fitted runs from" in text
         assert text.splitlines()[-1] == "hil add load-friction S.mcap --joint j1 --model M.toml"
+        beside = refusing(after, sureness, before)
+        beside.found.append(None)  # it does that beside a named effect, and not without
+        ((_, text),) = nearest_refused(beside, out, last)
+        assert text.endswith("hil add load-friction S.mcap --joint j1 --model IMPROVED.toml")
         ((_, text),) = nearest_refused(refusing(after, sureness, before, "folds"), out, last)
         assert "lower the error from" in text

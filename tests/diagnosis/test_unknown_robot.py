@@ -190,10 +190,32 @@ def test_a_name_that_the_last_model_does_not_bear_out_is_not_sure(monkeypatch):
         assert judged(idle, effect).confidence == HALF
         assert "does not fall" in judged(idle, effect).reason
     assert judged(idle, "payload-change") == idle
+    # what raises the error clearly is no finding at all
+    assert judged(replace(idle, relative_after=4.9), "stribeck").confidence == 0.0
+    monkeypatch.setattr(rules, "complete", lambda result: result)
     # a leak of 0.49 may be 0.7 once another effect stands beside it
     monkeypatch.setattr(rules, "forbidden", lambda result, term: "it is too much for a leak")
     assert judged(name, "torque-crosstalk").confidence == HALF
     assert "too much for a leak" in judged(name, "torque-crosstalk").reason
+    # two stops of one stiffness: coefficients are less sure where the place is not
+    monkeypatch.setattr(rules, "complete", lambda result: None)
+    monkeypatch.setattr(rules, "forbidden", lambda result, term: "softens" if result else "")
+    assert judged(name, "two-stops") == name
+
+
+@pytest.mark.parametrize(("end", "left", "sure"), [(True, True, 0.5), (True, False, 0.8)])
+def test_a_shape_at_the_end_of_its_range_is_doubtful_above_the_floor(end, left, sure):
+    """An eddy brake that went one way was Stribeck friction at 1.00, its speed on its bound."""
+    (name,) = diagnosed(0.8).findings
+    name = replace(name, confidence=0.8)
+    kind = catalogue.get("stribeck")
+    term = SimpleNamespace(effect=kind, joint=0, key=("stribeck", 0))
+    named = SimpleNamespace(candidate=SimpleNamespace(term=term, joint=0))
+    values = {"j1.stribeck.vs": SimpleNamespace(at_bound=end)}
+    fit = SimpleNamespace(values=values)
+    (told,) = rules._cornered([name], [named], fit, np.array([left]))
+    assert told.confidence == sure
+    assert ("end of what was searched: Stribeck speed" in told.reason) is left
 
 
 def test_a_withheld_name_beside_an_unknown_geometry_is_no_missing_effect():
