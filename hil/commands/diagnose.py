@@ -131,7 +131,8 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         open_ = d.verdict == "ambiguous"
         with_rivals = [f for f in d.findings if f.rivals and (open_ or f.confidence < CONFIDENT)]
         lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
-        noted = [(where(f), remark(f.effect, f.parameters)) for f in d.findings]
+        sure = [f for f in d.findings if f.confidence >= CONFIDENT]
+        noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
     lines += ["", _joints_table(d, rungs)]
     said = [line.strip() for line in _left(d)[1:]]
@@ -213,7 +214,9 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
             if like == own and len(own) == 2:  # a direction: neither part says its size alone
                 return ", ".join(common.value_line(n, short[n]) for n in own)
             best = max(like, key=lambda n: abs(short[n].value))
-            return common.value_line(best, short[best])
+            times = [p.name for p in kind.shape if p.size and p.unit == "s"]
+            told = [n for n in times if n in short and _sure(short[n], VALUE_DEVIATIONS)]
+            return ", ".join(common.value_line(n, short[n]) for n in (best, *told))
     shapes = [p for p in kind.shape if p.name in short and p.unit != "1"]
     shaped = [p.name for p in shapes]
     size = [p.name for p in shapes if p.size and _sure(short[p.name], VALUE_DEVIATIONS)]
@@ -661,7 +664,8 @@ def _words(args: argparse.Namespace, result: Diagnosis, rungs: list[Rung]) -> st
 def _files(args: argparse.Namespace) -> Files:
     """What was analysed, as it was typed."""
     more = common.bag_words(args)
-    return Files(tuple(args.sessions), tuple(args.holdout), args.model or "", args.arm or "", more)
+    known = (args.model or "", args.arm or "", more, str(getattr(args, "output", None) or ""))
+    return Files(tuple(args.sessions), tuple(args.holdout), *known)
 
 
 def code(result: Diagnosis) -> int:

@@ -378,9 +378,9 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
     return [
         (
             RECORDED_LATE,
-            f"{said}. No drive moves a joint before it pushes, so they were recorded late: by a "
-            "slower bus, or through a filter. To use another value, set shift_s under [signal]; "
-            "to change nothing, set it to 0",
+            f"{said}. No drive moves a joint before it pushes, so they were recorded late, by a "
+            "slower bus or through a filter, or something acts that the catalogue lacks. To use "
+            "another value, set shift_s under [signal]; to change nothing, set it to 0",
         )
     ]
 

@@ -449,6 +449,8 @@ class Files:
         Arm, if one was named.
     more : tuple of str
         Words that say which robot and joints, and what of a ROS bag.
+    written : str
+        File of the improved model; empty where none was asked for.
     """
 
     sessions: tuple[str, ...] = ("SESSION.mcap",)
@@ -456,6 +458,7 @@ class Files:
     model: str = "MODEL.toml"
     arm: str = ""
     more: tuple[str, ...] = ()
+    written: str = ""
 
     def options(self) -> list[str]:
         """Words of a command line behind the model."""
@@ -476,7 +479,7 @@ class Files:
 
 
 #: What `to_try` writes: effect and joint, in front of a session and a model that stand in.
-_ADD = re.compile(r"(hil add \S+) S\.mcap (--joint (?:'[^']*'|\S+))(?: --model M\.toml)?")
+_ADD = re.compile(r"(hil add \S+) S\.mcap (--joint (?:'[^']*'|\S+))(?: --model (\w+\.toml))?")
 
 
 def with_files(said: str, files: Files) -> str:
@@ -501,8 +504,13 @@ def with_files(said: str, files: Files) -> str:
         return shlex.join([*(found[0].split() if rig else robot), *arm, *model])
 
     said = re.sub(r"hil excite (?:'[^']*'|\S+)", named, said)
-    adds = shlex.join([*model, *files.options()])
-    return _ADD.sub(lambda found: f"{found[1]} {found[2]} {adds}", said)
+    better = ["--model", files.written or "IMPROVED.toml"]
+
+    def added(found: re.Match[str]) -> str:
+        to = better if found[3] == "IMPROVED.toml" else model
+        return f"{found[1]} {found[2]} {shlex.join([*to, *files.options()])}"
+
+    return _ADD.sub(added, said)
 
 
 def command(m: Material, files: Files | None = None) -> str:

@@ -19,7 +19,7 @@ from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import NO_GEOMETRY, lateness
 from hil.identify import bands
 from hil.models import catalogue
-from hil.models.model import Value
+from hil.models.model import Value, remark
 from hil.models.parts import Trait
 from hil.report.data import Files, diagnosis_json, from_diagnosis, with_files
 from hil.report.elements import paragraph
@@ -180,7 +180,7 @@ NAN = float("nan")
         (
             "friction-drift",
             {"dc": (-0.26, 0.001, "N m"), "dv": (-0.9, 0.001, "N m s/rad"), "T": (9.0, 0.1, "s")},
-            "dc = -0.26 +- 0.001 N m",
+            "dc = -0.26 +- 0.001 N m, T = 9 +- 0.1 s",
         ),
         ("delay", {"a": (1.0, 0.01, "1"), "T": (0.012, 1e-4, "s")}, "T = 0.012 +- 0.0001 s"),
         ("load-friction", {"mu": (0.16, 0.001, "1"), "of": (0.0, NAN, "1")}, "mu = 0.16 +- 0.001"),
@@ -249,9 +249,13 @@ def test_a_spring_that_carries_a_part_says_so_beside_its_stiffness():
     values = {"a": (0.75, 2e-4, "1"), "k": (99.9, 0.02, "N m/rad"), "zeta": (0.02, NAN, "1")}
     told = _telling(finding("elastic-transmission", **values))
     assert told == "k = 99.9 +- 0.02 N m/rad, a = 0.75"
+    there = {"fl": (0.0, NAN, "N m"), "i": (0.0, NAN, "kg m^2")}
+    part = finding("elastic-transmission", **values, **there).parameters
+    assert remark("elastic-transmission", part).endswith("the spring's stiffness is a k = 74.93")
     values["a"] = (0.98, 2e-4, "1")
     assert _telling(finding("elastic-transmission", **values)) == "k = 99.9 +- 0.02 N m/rad"
-    assert "a k" in catalogue.get("elastic-transmission").doc.caveat
+    whole = finding("elastic-transmission", **values, **there).parameters
+    assert remark("elastic-transmission", whole) == ""
 
 
 @pytest.mark.parametrize(
@@ -413,6 +417,11 @@ def test_motions_that_are_proposed_are_of_what_was_typed():
     typed = "hil add spring --joint 'j 1' --model 'my arm.toml' --arm left"
     said = with_files(to_try("spring", "j 1"), files).splitlines()
     assert said[-1] == f"{typed} --session 'Versuch 1.csv' --robot arm.urdf"
+    beside = to_try("spring", "j", beside=True)  # what helps only with the named effects
+    typed = "hil add spring --joint j --model {} --session a.csv"
+    for written, model_ in (("", "IMPROVED.toml"), ("better.toml", "better.toml")):
+        said = with_files(beside, Files(("a.csv",), model="m.toml", written=written)).splitlines()
+        assert said[-1] == typed.format(model_)
 
 
 def test_an_arrow_and_its_numbers_stay_on_one_line():
