@@ -212,10 +212,11 @@ def _discrepancy(case: RuleCase) -> str:
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     small = r.removed <= inaccuracy(case.search, r.candidate, r.joint, r.before)
-    return INACCURATE if small and not _whole(r.before, r.after, r.joint, case.evidence) else ""
+    alone = to_the_floor(r.before, r.after, r.joint, case.evidence)
+    return INACCURATE if small and not alone else ""
 
 
-def _whole(before: float, after: float, j: int, evidence: Evidence) -> bool:
+def to_the_floor(before: float, after: float, j: int, evidence: Evidence) -> bool:
     """Whether a fall of the squared error of joint j is to its floor, but for a tenth."""
     floor = evidence.floor
     now = np.zeros(len(floor.rms))
@@ -398,7 +399,7 @@ def _outgrows(case: Refit) -> str:
         return ""
     old, new = (float(x.errors.power[j]) for x in (case.before, case.after))
     small = old - new <= inaccuracy(search, c, j, old)
-    return INACCURATE if small and not _whole(old, new, j, search.last) else ""
+    return INACCURATE if small and not to_the_floor(old, new, j, search.last) else ""
 
 
 @_fit("never-rises")

@@ -114,6 +114,8 @@ class Search(Models):
             found = len(self.rungs) - self.start - 1
             progress.at("seek effects", 0.5 - 0.35 * 0.6**found)
             evidence, rated = self.evidence(open_joints)
+            if self.first is None and self._wide_from_the_start(evidence, rated):
+                continue
             self.first = self.first or evidence
             self.last = evidence
             picks = self._picks(rated, evidence, open_joints)
@@ -216,6 +218,36 @@ class Search(Models):
             Joints on which one was found.
         """
         return [j for j in self.moves if self._rounded(j)]
+
+    def _wide_from_the_start(self, evidence: Evidence, rated: Sequence[Rated]) -> bool:
+        """Whether a wider sign alone brings a joint's error to its floor, as no effect does better.
+
+        A lubricated slide lacks nothing: names would follow what a sign of the usual width misses.
+        """
+        found = False
+        for j in self.moves:
+            now, known = self.now, dict(self.problem.least)
+            if not evidence.floor.exceeded(now.result.rms, j):
+                continue
+            rung = self._with_wider_sign(j, ())
+            most = max((self.score(r) for r in rated if r.joint == j), default=0.0)
+            if rung and self._suffices(rung, j, most, evidence):
+                rung.added, found = now.added, True
+                self.rungs[-1] = rung
+                continue
+            self.problem.least.clear()
+            self.problem.least.update(known)
+            renew(now.result)
+        if found:
+            self.forget()
+        return found
+
+    def _suffices(self, rung: Visited, j: int, most: float, evidence: Evidence) -> bool:
+        """Whether a model without a further value does all, and as much as a score of `most`."""
+        now, new = self.now.errors, rung.errors
+        if not rules.to_the_floor(float(now.power[j]), float(new.power[j]), j, evidence):
+            return False
+        return self._scored(now, new, ()) >= most and not self._risen(rung, j)
 
     def _rounded(self, j: int) -> bool:
         """Whether joint j has a wider sign now, beside what was found on it or without some."""

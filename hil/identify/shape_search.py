@@ -393,10 +393,26 @@ def rounder(result: FitResult, j: int) -> dict[tuple[str, int], float]:
         values = [most * BLUNTER**k for k in range(tries)]
         projector = Projector(problem, [x for x in result.terms if x is not t], result.sigma)
         with problem.aside():
-            gains = [projector.gain(t.reshaped((x, *t.shape[1:]))) for x in values]
-        best = int(np.argmax(gains))
-        return {t.key: values[best]} if best else {}
+            best = _widest(projector, t, values)
+        return {t.key: best} if best > most else {}
     return {}
+
+
+def _widest(projector: Projector, t: Term, values: Sequence[float]) -> float:
+    """The first shape value of most gain: the best of some, then between its neighbours."""
+
+    def gain(x: float) -> float:
+        return projector.gain(t.reshaped((x, *t.shape[1:])))
+
+    gains = [gain(x) for x in values]
+    best = int(np.argmax(gains))
+    if best == 0:
+        return values[0]
+    low, high = np.log(values[best - 1]), np.log(values[min(best + 1, len(values) - 1)])
+    found = scipy.optimize.minimize_scalar(
+        lambda x: -gain(float(np.exp(x))), bounds=(low, high), method="bounded"
+    )
+    return float(np.exp(found.x)) if -found.fun > gains[best] else values[best]
 
 
 def searched(

@@ -1,5 +1,6 @@
-"""A slow recording of a complete model is the model's, whatever its rate."""
+"""A slow recording, or a slow machine, of a complete model is the model's."""
 
+import numpy as np
 import plants
 import pytest
 
@@ -15,3 +16,19 @@ def test_moves_of_few_samples_are_no_effect(seed, rate):
     assert answer.verdict == "adequate"
     values = hil.fit(run, hil.base_model(run.robot)).to_frame().set_index("parameter")["value"]
     assert values["rigid-body.m"] == pytest.approx(0.1, rel=2e-3)
+
+
+@pytest.mark.parametrize("width", [0.15, 0.6])
+def test_a_lubricated_slide_lacks_nothing(width):
+    """A sign that turns over much of the speed was load friction, saturation or Stribeck's."""
+
+    def extra(t, q, v, a):
+        return 0.6 * np.tanh(v / width) - 0.05 * np.tanh(v / 0.01)
+
+    run = plants.moved_axis(3, 200.0, 30.0, took=(0.4, 0.9), extra=extra)
+    answer = hil.diagnose(run, hil.base_model(run.robot))
+    assert answer.verdict == "adequate"
+    (only,) = answer.ladder
+    values = only.result.values
+    assert values["j1.coulomb.fc"].value == pytest.approx(0.6, rel=0.03)
+    assert values["j1.coulomb.v0"].value == pytest.approx(width, rel=0.05)
