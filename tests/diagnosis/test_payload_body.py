@@ -184,7 +184,8 @@ def test_two_runs_alike_have_no_payload(seed: int) -> None:
     assert answer.verdict == "adequate"
 
 
-@pytest.mark.parametrize("fixed", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("fixed", [False, True])
 @pytest.mark.parametrize("wrong", plants.seeds(1, 2))
 def test_a_description_that_is_a_bit_wrong_is_no_payload(wrong: int, fixed: bool) -> None:
     """Masses, centres and inertias of all links are wrong by 5 %; fitted, or kept as they are."""
