@@ -184,10 +184,11 @@ class Spring(Effect):
 
 
 #: Relaxation times that are tried: from what is told from a damper to what is told from a spring
-#: [s], and how many.  Half as many: the climb begins further off and finds the same one.
+#: [s], and how many.  Half as many: neighbours differ by a factor of 3 instead of 1.65, from which
+#: the climb begins.
 RELAXATIONS, RELAXATION_STEPS = (0.03, 20.0), 14
-#: Share of the shortest run that such a time may take: what was before it is not known.  Double: a
-#: spring's rest that was wrong at the start passes for one; half: tissue of a minute goes unnamed.
+#: Share of a run that such a time may take: what was before it is not known.  At its end exp(-4) of
+#: that is left; doubled, exp(-2); halved, a time of 4 s asks for a run of 32 s instead of 16.
 FORGOTTEN = 1 / 4
 
 

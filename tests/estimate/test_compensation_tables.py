@@ -52,7 +52,6 @@ REFUSED = {
     "relaxation",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
-    "correction-posture",
     "generic-gravity", "generic-posture", "generic-inertia", "generic-loop",
 }  # fmt: skip
 
