@@ -350,7 +350,7 @@ def test_a_motion_is_planned_from_a_bag(tmp_path, capsys):
         bag.joints("/joint_states", t, ["knee"], q, 1.3 * np.cos(1.3 * t)[:, None], 0.2 * q)
     out = tmp_path / "m.toml"
     words = ["excite", str(bag.path), "--seconds", "6", "-o", str(out)]
-    assert main([*words, "--for", "stribeck", "--motion", "multisine"]) == 0
+    assert main([*words, "--for", "cogging", "--motion", "multisine"]) == 0
     from hil.excite import trajectory
 
     assert trajectory.read(out).joints == ("knee",)
