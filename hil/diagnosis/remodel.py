@@ -7,7 +7,7 @@ added, which is the evidence beside it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,14 +22,14 @@ from hil.diagnosis.folds import Split
 from hil.diagnosis.grams import BlockErrors, GramTable
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes, changes_somewhere
-from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step
+from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step, describe
 from hil.identify.context import renew
 from hil.identify.design import Key, Term, head, prefix
 from hil.identify.multistep import MultiStep, both
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
-from hil.identify.shape_search import together
+from hil.identify.shape_search import rounder, together
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.effect import Trait
@@ -317,6 +317,28 @@ class Models:
             renew(rung.result)
             rung.simulated = both(rung.result, self.problem)
         return rung.simulated
+
+    def with_wider_sign(self, j: int, gone: Sequence[Candidate]) -> Visited | None:
+        """A wider sign on joint j, beside all or without some; None where none is wider."""
+        now, label, beside = self.now, self.now.step.label, self.now.result
+        renew(beside)
+        if gone:
+            label, model = f"- {describe(gone[0], self.problem)}", beside.model
+            for c in gone:
+                model = without(model, c, self.problem)
+            label += f" and {len(gone) - 1} more" if gone[1:] else ""
+            beside = self.rung(label, model, beside.sigma).result
+        found = rounder(beside, j)
+        if not found:
+            return None
+        self.problem.least.update(found)
+        return self.rung(label, beside.model, now.result.sigma)
+
+    def signs_again(self, known: Mapping[Key, float]) -> None:
+        """Let signs be as sharp as they were, `known` by term, beside the last model."""
+        self.problem.least.clear()
+        self.problem.least.update(known)
+        renew(self.now.result)
 
     # ------------------------------------------------------------------ evidence
 

@@ -41,7 +41,7 @@ from hil.identify.context import renew
 from hil.identify.design import comes_back, replaced
 from hil.identify.problem import Alignment
 from hil.identify.screening import USUAL
-from hil.identify.shape_search import expected_sign, rounder
+from hil.identify.shape_search import expected_sign
 from hil.identify.slow_motion import LESS
 from hil.identify.timing import late_after_all
 from hil.models import catalogue
@@ -229,15 +229,13 @@ class Search(Models):
             now, known = self.now, dict(self.problem.least)
             if not evidence.floor.exceeded(now.result.rms, j):
                 continue
-            rung = self._with_wider_sign(j, ())
+            rung = self.with_wider_sign(j, ())
             most = max((self.score(r) for r in rated if r.joint == j), default=0.0)
             if rung and self._suffices(rung, j, most, evidence):
                 rung.added, found = now.added, True
                 self.rungs[-1] = rung
                 continue
-            self.problem.least.clear()
-            self.problem.least.update(known)
-            renew(now.result)
+            self.signs_again(known)
         if found:
             self.forget()
         return found
@@ -254,7 +252,7 @@ class Search(Models):
         now, known = self.now, dict(self.problem.least)
         own = [c for c in self.found[::-1] if c.joint == j]
         for gone in ([], *([own] if len(own) > 1 else []), *([c] for c in own)):
-            rung = self._with_wider_sign(j, gone)
+            rung = self.with_wider_sign(j, gone)
             if rung and self._does_better(rung, j, gone):
                 if gone:
                     self.rungs.append(rung)
@@ -265,26 +263,8 @@ class Search(Models):
                     self.rungs[-1] = rung
                 self.forget()
                 return True
-            self.problem.least.clear()
-            self.problem.least.update(known)
-        renew(now.result)
+            self.signs_again(known)
         return False
-
-    def _with_wider_sign(self, j: int, gone: Sequence[Candidate]) -> Visited | None:
-        """A wider sign on joint j, beside all or without some; None where none is wider."""
-        now, label, beside = self.now, self.now.step.label, self.now.result
-        renew(beside)
-        if gone:
-            label, model = f"- {describe(gone[0], self.problem)}", beside.model
-            for c in gone:
-                model = without(model, c, self.problem)
-            label += f" and {len(gone) - 1} more" if gone[1:] else ""
-            beside = self.rung(label, model, beside.sigma).result
-        found = rounder(beside, j)
-        if not found:
-            return None
-        self.problem.least.update(found)
-        return self.rung(label, beside.model, now.result.sigma)
 
     def _does_better(self, rung: Visited, j: int, gone: Sequence[Candidate]) -> bool:
         """Whether it lowers joint j's error clearly; in the place of an effect, at all."""
@@ -391,9 +371,7 @@ class Search(Models):
         problem.least.update(found)
         rung = self.rung(now.step.label, now.result.model, now.result.sigma)
         if missed(rung.errors, now.errors, self.moves):
-            problem.least.clear()
-            problem.least.update(before)
-            renew(now.result)
+            self.signs_again(before)
             return
         rung.added = now.added
         self.rungs[-1] = rung
