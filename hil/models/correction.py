@@ -466,9 +466,16 @@ class OfOtherJoint(Correction):
         return np.concatenate([own, powers, np.stack([between, accelerated], axis=1)], axis=1)
 
 
-#: Powers of the positions of two joints in a sum of their products: (own, other), each with at
-#: least one of both.  The own powers alone are those of `OfPosition`.
-TOGETHER = tuple((a, b) for b in range(4) for a in range(4) if 0 < a + b <= 3)
+#: Highest sum of the degrees in the positions of two joints.  Of 2, a stiffening harness is left;
+#: 4 takes 14 coefficients instead of 9.
+BOTH_DEGREES = 3
+#: Degrees of the products that are summed: (own, other), but for the constant.
+TOGETHER = tuple(
+    (a, b)
+    for b in range(BOTH_DEGREES + 1)
+    for a in range(BOTH_DEGREES + 1)
+    if 0 < a + b <= BOTH_DEGREES
+)
 
 
 def _of_two_positions_grid(motion: Motion, j: int) -> Shapes:
@@ -499,8 +506,9 @@ class OfTwoPositions(Correction):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """T_a(x) T_b(xk)."""
-        own = _powers(motion.q[:, j], shape[1], shape[2], 3)
-        other = _powers(motion.q[:, round(float(shape[0])) - 1], shape[3], shape[4], 3)
+        k = round(float(shape[0])) - 1
+        own = _powers(motion.q[:, j], shape[1], shape[2], BOTH_DEGREES)
+        other = _powers(motion.q[:, k], shape[3], shape[4], BOTH_DEGREES)
         return np.stack([own[:, a] * other[:, b] for a, b in TOGETHER], axis=1)
 
 

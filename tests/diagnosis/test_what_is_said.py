@@ -144,27 +144,25 @@ def test_an_unexplained_joint_is_in_the_verdict(half_named):
     assert first.endswith("an effect is missing on joint2, and none in the catalogue explains it.")
 
 
-def test_a_name_that_is_less_sure_beside_the_last_model_leaves_no_missing_effect(monkeypatch):
-    """The verdict was of the model before; the answer then told to accept nothing, and broke."""
-    few = {"relative_before": 9.0, "relative_after": 3.0, "se": 0.1, "excess_explained": 0.9}
-    named = Finding("stribeck", "j1", 0.9, **few, parameters={}, rivals=["presliding"])
-    before = SimpleNamespace(candidate=SimpleNamespace(name="stribeck"), confidence=0.9)
-    after = SimpleNamespace(candidate=before.candidate, confidence=0.4, rivals=[])
+def asked_again(monkeypatch, verdict, was, now, rise, **said):
+    """A diagnosis with one name, whose confidence beside the last model is another one."""
+    few = {"relative_before": 9.0, "relative_after": 9.0 + rise, "se": 0.1, "excess_explained": 0.9}
+    named = Finding("stribeck", "j1", was, **few, parameters={}, rivals=["presliding"], **said)
+    before = SimpleNamespace(candidate=SimpleNamespace(name="stribeck"), confidence=was)
+    after = SimpleNamespace(candidate=before.candidate, confidence=now, rivals=[])
     monkeypatch.setattr(engine, "separated", lambda search, n: after)
     monkeypatch.setattr(engine, "joint_of", lambda c, problem: "j1")
-    out = Diagnosis("missing-effect", findings=[named])
-    out = engine.separate(out, SimpleNamespace(problem=None), [before])
+    out = Diagnosis(verdict, findings=[named])
+    return engine.separate(out, SimpleNamespace(problem=None), [before])
+
+
+def test_a_name_that_is_less_sure_beside_the_last_model_leaves_no_missing_effect(monkeypatch):
+    """The verdict was of the model before; the answer then told to accept nothing, and broke."""
+    out = asked_again(monkeypatch, "missing-effect", 0.9, 0.4, -6.0)
     assert (out.verdict, out.findings[0].confidence) == ("ambiguous", 0.4)
 
 
 @pytest.mark.parametrize(("reason", "most"), [*((x, 0.5) for x in rules.DOUBTS), ("", 0.9)])
 def test_a_name_that_is_doubtful_stays_so_when_its_rivals_go(monkeypatch, reason, most):
-    few = {"relative_before": 4.57, "relative_after": 4.63, "se": 0.3, "excess_explained": 0.0}
-    named = Finding("stribeck", "j1", 0.4, **few, parameters={}, rivals=["presliding"])
-    before = SimpleNamespace(candidate=SimpleNamespace(name="stribeck"), confidence=0.4)
-    after = SimpleNamespace(candidate=before.candidate, confidence=0.9, rivals=[])
-    monkeypatch.setattr(engine, "separated", lambda search, n: after)
-    monkeypatch.setattr(engine, "joint_of", lambda c, problem: "j1")
-    out = Diagnosis("ambiguous", findings=[replace(named, reason=reason)])
-    out = engine.separate(out, SimpleNamespace(problem=None), [before])
+    out = asked_again(monkeypatch, "ambiguous", 0.4, 0.9, 0.06, reason=reason)
     assert (out.findings[0].confidence, out.findings[0].reason) == (most, reason)
