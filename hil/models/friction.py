@@ -420,6 +420,11 @@ def _load_friction_grid(motion: Motion, j: int) -> Shapes:
     return [(0.0, 0.0), *static, (2.0, 0.0)]
 
 
+def _loads_that_differ(motion: Motion, j: int) -> Shapes:
+    """The loads of friction without a motor's share."""
+    return [(of,) for of, _ in _load_friction_grid(motion, j)]
+
+
 def _load_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Other inertias of the motor within the model's masses; the present one first."""
     of, own = shape
@@ -465,6 +470,32 @@ class LoadFriction(Effect):
 def _transmitted(motion: Motion, j: int, of: int) -> FloatArray:
     """The load of a form of load friction, shape (n,)."""
     return motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
+
+
+class LoadViscous(Effect):
+    """Friction that grows with the effort that the joint transmits and with its speed."""
+
+    name, family = "load-viscous", "friction"
+    doc = Doc(
+        equation=(
+            "tau = b |load| v,  load = all that is transmitted, its static part, or the motor's "
+            "own effort (a gear that drives otherwise than it is driven back)"
+        ),
+        signature="viscous friction that grows with gravity, acceleration or contact load",
+        confused_with=("load-friction", "viscous", "varying-gain", "torque-gain"),
+        shown_by="the same motion at several speeds under several static loads",
+        source="Hamon, Gautier, Garrec, IEEE/RSJ IROS 2010, 187-193",
+        shown=Sight.LOAD,
+        over=Over.LOAD,
+    )
+    params = (Param("b", "s/{x}", "friction per transmitted effort and speed", 0.0),)
+    shape = (_OF_LOAD,)
+    search = Grid(_loads_that_differ)
+    traits = Trait.LOAD
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """|load| v."""
+        return (np.abs(_transmitted(motion, j, int(shape[0]))) * motion.qd[:, j])[:, None]
 
 
 def _coupled_friction_brakes(f: Fitted) -> bool:
@@ -649,6 +680,7 @@ EFFECTS = (
     PositionFriction(),
     LocalFriction(),
     LoadFriction(),
+    LoadViscous(),
     CoupledFriction(),
     PostureFriction(),
     CapstanFriction(),

@@ -199,6 +199,17 @@ def load_friction(p: Place) -> Law:
     return law
 
 
+def load_viscous(p: Place) -> Law:
+    """Oil between loaded teeth: a loss by motor-side effort and speed; less where it is driven."""
+    j, c = p.j, 0.06 * p.amplitude / p.link.speed
+
+    def law(x: State) -> float:
+        driving = x.u[j] * x.w[j] > 0.0
+        return -c * (1.0 if driving else 0.8) * abs(x.u[j]) * x.w[j]
+
+    return law
+
+
 def coupled_friction(p: Place) -> Law:
     """Friction in a seal that turns with this and the next joint."""
     j, k, f, v0 = p.j, p.other, p.size, 0.01 * p.link.speed
@@ -360,6 +371,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "position-friction": position_friction,
     "local-friction": tight_spot,
     "load-friction": load_friction,
+    "load-viscous": load_viscous,
     "coupled-friction": coupled_friction,
     "posture-friction": bent_cable,
     "capstan-friction": capstan,

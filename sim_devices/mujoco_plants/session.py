@@ -60,6 +60,7 @@ RANGES = {
     "joint-zero": (0.0, 5.0),
     "joint-ratio": (0.0, 3.0),
     "load-friction": (0.0, 8.0),
+    "load-viscous": (0.0, 8.0),
     "gain-drift": (0.0, 8.0),
     "varying-gain": (0.0, 10.0),
     "capstan-friction": (0.0, 8.0),
@@ -78,6 +79,7 @@ LATER = (
     "posture-friction",
     "varying-gain",
     "capstan-friction",
+    "load-viscous",
 )
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {

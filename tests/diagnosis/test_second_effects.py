@@ -48,6 +48,12 @@ def ripple_of_a_gear(q, v, a):
     return (0.3 * a + 9.0 * np.sin(q + 0.2)) * (1 + 0.05 * np.sin(60 * q)) + 0.5 * sign(v) + v
 
 
+def oil_of_a_gear(q, v, a):
+    """An arm under gravity behind a gear that is the more viscous the more it carries."""
+    load = 0.3 * a + 9.0 * np.sin(q + 0.2)
+    return load + 0.5 * sign(v) + (0.4 + 0.06 * np.abs(load)) * v
+
+
 def tired_magnets(q, v, a):
     """An arm under gravity; the motor gives 7 % less than its current says, at the most."""
     felt = 0.25 * a + 9.0 * np.sin(q) + 0.3 * sign(v) + 0.2 * v
@@ -59,6 +65,7 @@ def tired_magnets(q, v, a):
     [
         (spring_with_a_seal, "load-friction", "mu", 0.06),
         (ripple_of_a_gear, "torque-ripple", "p", 60 / (2 * np.pi)),
+        (oil_of_a_gear, "load-viscous", "b", 0.06),
         pytest.param(
             *(tired_magnets, "torque-saturation", "L", 22.0),
             marks=pytest.mark.slow,

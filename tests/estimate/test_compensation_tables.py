@@ -37,6 +37,7 @@ SHAPES = {
     "backlash": (1e-2, 0.0, 0.01, 0.0),
     "torque-ripple": (5.3,),
     "load-friction": (0.0, 0.0),
+    "load-viscous": (0.0,),
     "stribeck": (0.12, 2.0),
     "coulomb": (0.02,),
 }

@@ -13,6 +13,7 @@ from hil.models.robots import IndependentAxes
 IMPOSSIBLE = {
     "stribeck": ((0.1, 1.0), (-0.2,)),
     "load-friction": ((0.0, 0.0), (-0.1,)),
+    "load-viscous": ((0.0,), (-0.1,)),
     "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
     "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
     "offset-drift": ((0.2, 0.0), (0.1,)),
