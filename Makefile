@@ -27,7 +27,7 @@ test: install
 	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m "not real_time and not slow"
 	$(BIN)/python -m pytest -m real_time $$(grep -rlw real_time tests --include='test_*.py')
 
-# whole pipelines of more than about six seconds each, further seeds, and pages in a browser: before a release
+# whole pipelines of more than about five seconds each, further cases, and pages in a browser: before a release
 test-slow: export OMP_NUM_THREADS = 1
 test-slow: install
 	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile -m "slow and not real_time"

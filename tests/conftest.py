@@ -28,7 +28,7 @@ TRIES = 5
 LONGEST = (
     "diagnosis/test_payload_body.py",
     "system/test_hidden_named.py",
-    "system/test_recordings.py",
+    "diagnosis/test_how_it_was_recorded.py",
     "diagnosis/test_sensors_named.py",
     "system/test_own_arm_circle.py",
     "diagnosis/test_search.py",
@@ -45,7 +45,8 @@ LONGEST = (
     "teleop/test_hybrid_from_data.py",
     "system/test_commands.py",
     "diagnosis/test_amplifier_named.py",
-    "diagnosis/test_payload_change.py",
+    "diagnosis/test_joint_zeros.py",
+    "diagnosis/test_minima.py",
     "diagnosis/test_sessions_differ.py",
     "sim/test_mujoco_plants.py",
     "report/test_report.py",

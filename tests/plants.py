@@ -25,7 +25,12 @@ Path3 = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def seeds(first: int, *more: int) -> list:
     """Seeds of a test: the first in every run of the tests, the others in the slow ones."""
-    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in more)]
+    return [first, *map(further, more)]
+
+
+def further(*values, **named):
+    """Parameters that only the slow tests take: the quick ones show the same with others."""
+    return pytest.param(*values, marks=pytest.mark.slow, **named)
 
 
 SINGLE = RobotSource("single-axis")

@@ -51,7 +51,10 @@ def _gradually(effort: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("command", "accuracy"),
     # another law than that of the catalogue: it closes gradually
-    [(lambda u: u + 0.12 * np.sign(u), 0.05), (_gradually, 0.2)],
+    [
+        (lambda u: u + 0.12 * np.sign(u), 0.05),
+        plants.further(_gradually, 0.2),
+    ],
     ids=["sharp", "gradual"],
 )
 def test_a_dead_zone_is_named_with_its_width(command, accuracy) -> None:
@@ -92,8 +95,8 @@ def test_a_limit_that_is_not_reached_is_not_named() -> None:
     ("j", "k", "share"),
     [
         (0, 1, 0.08),
-        pytest.param(1, 2, -0.1, marks=pytest.mark.slow),
-        pytest.param(2, 1, 0.05, marks=pytest.mark.slow),
+        plants.further(1, 2, -0.1),
+        plants.further(2, 1, 0.05),
     ],
 )
 def test_a_leak_is_named_with_its_source_and_its_size(j: int, k: int, share: float) -> None:

@@ -63,6 +63,7 @@ def test_a_play_before_a_link_has_its_motor_on_the_other_side():
     assert all(after < 0.5 * before)
 
 
+@pytest.mark.slow
 def test_a_base_on_a_slope_is_named_with_its_angle():
     found = _answer(tilt=(0.10, -0.06))
     assert [(f.effect, f.joint) for f in found.findings] == [("base-tilt", None)]

@@ -24,10 +24,10 @@ def answer(*runs: Recording):
 @pytest.mark.parametrize(
     ("change", "what", "unit"),
     [
-        ((1.2, 0, 0), "inertia", "N m s^2/rad"),
+        plants.further((1.2, 0, 0), "inertia", "N m s^2/rad"),
         ((2.4, 0, 0), "inertia", "N m s^2/rad"),
         ((0, 0, 3.0), "stiffness", "N m/rad"),
-        ((0, -0.7, 0), "Coulomb friction", "N m"),
+        plants.further((0, -0.7, 0), "Coulomb friction", "N m"),
     ],
 )
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
@@ -103,6 +103,7 @@ def lubricated(seed: int) -> Recording:
     return plants.single(f"oil{seed}", t, q, tau, temperature=warm[:, None])
 
 
+@pytest.mark.slow
 def test_a_curve_of_the_measured_temperature_is_no_event():
     d = answer(lubricated(1), lubricated(2))
     assert [f.effect for f in d.findings] == ["friction-drift"]

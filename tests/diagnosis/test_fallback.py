@@ -28,6 +28,7 @@ def test_shares_say_which_variables_carry_the_structure(unnamed):
     assert max(share["qd of joint1"], share["t"]) < 0.5
 
 
+@pytest.mark.slow
 def test_another_joints_speed_is_told(unnamed):
     run = plants.arm(1)
     v = np.gradient(run.q, run.t, axis=0)
@@ -94,6 +95,7 @@ def test_a_torque_over_two_positions_is_found_in_the_floor():
     assert "its position and that of joint1" in best.text
 
 
+@pytest.mark.slow
 def test_a_harness_over_two_joints_is_foretold_by_both_positions():
     """The answer had said which two variables carry it, and no correction followed them."""
     runs = []

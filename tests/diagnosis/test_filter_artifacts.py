@@ -79,6 +79,7 @@ def test_a_sign_is_sharp_again_beside_the_correction_that_it_stood_for():
     assert d.ladder[-1].result.values["j1.coulomb.fc"].value == pytest.approx(0.11, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_real_effect_beside_blurred_reversals_keeps_its_name():
     d = diagnosed(plants.quick_axis(1, extra=0.15))
     assert [f.effect for f in d.findings] == ["stribeck"]

@@ -24,6 +24,7 @@ def test_grease_that_thins_is_named_with_its_exponent():
     assert all(found.explained.heldout.rms < 1.2 * found.noise)
 
 
+@pytest.mark.slow
 def test_friction_that_its_own_losses_warm_away_drifts_with_the_motion():
     runs = [plants.warming_axis(k) for k in (1, 2)]
     found = diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])

@@ -68,6 +68,7 @@ def heated(t: Array, v: Array, tau: Array) -> Array:
     return out
 
 
+@pytest.mark.slow
 def test_a_motor_that_its_own_effort_warms() -> None:
     d = diagnosed(heated)
     assert [f.effect for f in d.findings] == ["gain-drift"]
@@ -94,6 +95,7 @@ def test_an_offset_that_drifts_under_gravity_is_no_gain() -> None:
     assert {f.effect for f in d.findings} == {"offset-drift"}
 
 
+@pytest.mark.slow
 def test_friction_that_cools_under_gravity_is_no_gain() -> None:
     d = diagnosed(lambda t, v, tau: tau - 0.15 * warmth(t) * np.tanh(v / 0.01))
     assert {f.effect for f in d.findings} == {"friction-drift"}
@@ -104,6 +106,7 @@ def test_a_gain_that_stays_does_not_drift() -> None:
     assert (d.verdict, d.findings) == ("adequate", [])
 
 
+@pytest.mark.slow
 def test_a_gain_that_jumps_is_no_drift() -> None:
     d = diagnosed(lambda t, v, tau: tau * (1.0 + 0.12 * (t > 17.0)))
     assert all(f.confidence < 0.5 for f in d.findings if f.effect == "gain-drift")

@@ -247,6 +247,7 @@ def test_a_push_at_the_tip_that_nobody_measured_is_told():
     ]
 
 
+@pytest.mark.slow
 def test_a_force_in_axes_of_the_tip_is_told_and_of_the_base_is_right():
     run, wrench, robot = _arm(1, push=6.0)
     model = hil.base_model(run.robot)
@@ -355,6 +356,7 @@ def test_another_clock_is_said_before_a_diagnosis_and_beside_a_comparison(capsys
     assert "us earlier with every second" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_another_clock_is_found_beside_a_large_effect_that_was_missing():
     run = _two_clocks(plants.smooth_axis(1, 40.0, 250.0, lambda t, q, v, a: 3.0 * np.sin(q)), 400)
     d = hil.diagnose([run], hil.base_model(run.robot))

@@ -37,7 +37,8 @@ def test_a_clean_arm_on_a_motion_that_comes_again_has_no_name(seed, averaged):
     assert d.verdict == "adequate" and not d.findings
 
 
-@pytest.mark.parametrize("fs", [100.0, pytest.param(200.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fs", [100.0, 200.0])
 def test_friction_at_low_speed_is_all_that_is_named(fs):
     d = diagnosed(1, fs, stribeck=0.35)
     assert [(f.effect, f.joint) for f in d.findings] == [("stribeck", "joint2")]

@@ -40,13 +40,14 @@ def test_a_zero_that_is_off_is_named_with_its_size_where_the_joints_behind_feel_
     assert all(found.explained.heldout.rms < 1.1 * found.noise)
 
 
-@pytest.mark.parametrize("j", [0, 2])
+@pytest.mark.parametrize("j", [plants.further(0), 2])
 def test_the_masses_of_the_first_and_the_last_joint_turn_along_with_its_zero(j):
     found = answer(j, shift=0.06)
     assert found.verdict == "adequate" and not found.findings
 
 
-@pytest.mark.parametrize("j", [pytest.param(0, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("j", [0, 2])
 def test_a_ratio_that_is_off_is_named_with_its_size(j):
     found = answer(j, ratio=1.06)
     joint = plants.JOINTS[j]
@@ -69,8 +70,8 @@ def test_what_corrects_it_is_said():
         (3, 1, {"shift": np.pi / 2}, "q2 (upper): shift = -1.571 rad (-90 deg)"),
         (3, 1, {"sign": -1.0}, "q2 (upper): sign = -1"),
         (3, 1, {"sign": -1.0, "effort": -1.0}, "sign = -1, and sign = -1 for its effort"),
-        (5, 3, {"shift": -np.pi / 2}, "q4 (joint4): shift = 1.571 rad (90 deg)"),
-        (5, 2, {"sign": -1.0}, "q3 (joint3): sign = -1"),
+        plants.further(5, 3, {"shift": -np.pi / 2}, "q4 (joint4): shift = 1.571 rad (90 deg)"),
+        plants.further(5, 2, {"sign": -1.0}, "q3 (joint3): sign = -1"),
     ],
 )
 def test_another_sense_of_a_joint_is_bad_data_and_said(d, j, how, words):
@@ -91,7 +92,9 @@ def test_two_joints_in_another_sense_are_both_said():
     assert said and float(said[1]) == pytest.approx(-1.0, abs=0.03)
 
 
-@pytest.mark.parametrize(("d", "j", "k"), [(4, 3, 1.0), (5, 3, 4.0), (5, 4, 1.0)])
+@pytest.mark.parametrize(
+    ("d", "j", "k"), [(4, 3, 1.0), plants.further(5, 3, 4.0), plants.further(5, 4, 1.0)]
+)
 def test_a_spring_is_no_other_zero_of_another_joint(d, j, k):
     """Of a hose on the last joint a map was to move the zero of the joint before by 40 degrees."""
     run = plants.serial_arm(d, 1)
@@ -120,7 +123,7 @@ def test_friction_that_the_model_lacks_is_no_other_posture():
 
 
 @pytest.mark.parametrize(
-    ("axis", "numbers"), [((0.0, 9.81, 0.0), "0 9.81 0"), ((0, 0, 0), "0 0 0")]
+    ("axis", "numbers"), [((0.0, 9.81, 0.0), "0 9.81 0"), plants.further((0, 0, 0), "0 0 0")]
 )
 def test_gravity_that_acts_otherwise_is_bad_data_with_the_line_for_the_description(axis, numbers):
     run = plants.serial_arm(5, 1)
@@ -176,7 +179,7 @@ def leaning_head(seed: int, angle: float) -> Recording:
     return Recording(f"run{seed}", "head", ("pan", "nod"), t, q, tau, robot=RobotSource("", PAN))
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.parametrize("seed", [plants.further(1), 2])
 def test_a_base_that_leans_a_little_is_an_effect_and_no_fault_of_the_recording(seed):
     """Even where that is most of a joint's error, and other columns imitate a part of it."""
     run, held = leaning_head(seed, 4.0), leaning_head(seed + 10, 4.0)

@@ -31,7 +31,7 @@ def arm(stiffness: float, time: float):
     return effort
 
 
-@pytest.mark.parametrize(("stiffness", "time"), [(1.5, 0.4), (0.6, 2.0)])
+@pytest.mark.parametrize(("stiffness", "time"), [(1.5, 0.4), plants.further(0.6, 2.0)])
 def test_what_relaxes_is_named_with_its_time(stiffness, time):
     """It had been presliding at 1.00, or an unexplained lateness."""
     d = diagnosed(arm(stiffness, time))
@@ -43,6 +43,7 @@ def test_what_relaxes_is_named_with_its_time(stiffness, time):
     assert d.ladder[-1].heldout.rms[0] < 1.1 * d.noise[0]
 
 
+@pytest.mark.slow
 def test_rubber_is_a_spring_and_what_relaxes_beside_it():
     """An eccentric mass suited the range better, until what relaxes had a name."""
     maxwell = arm(1.6, 0.5)

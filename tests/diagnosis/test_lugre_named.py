@@ -11,8 +11,8 @@ from hil.models.model import base_model
     ("law", "names", "form"),
     [
         (plants.lugre, {"presliding"}, 2.0),
-        pytest.param(plants.loops, {"presliding", "stribeck"}, 0.0, marks=pytest.mark.slow),
-        (plants.curve, {"stribeck"}, None),
+        plants.further(plants.loops, {"presliding", "stribeck"}, 0.0),
+        plants.further(plants.curve, {"stribeck"}, None),
     ],
 )
 def test_each_is_named_as_what_it_is(law, names, form):

@@ -75,6 +75,7 @@ def test_a_curve_does_not_follow_what_a_filter_leaves_of_reversals():
     assert values["j1.stribeck.vs"].value == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_friction_that_builds_up_is_no_lateness():
     """Bristles bend over half a millimetre: 30 ms of lateness were undone, and a delay named."""
     rate = 500.0
@@ -166,7 +167,8 @@ def test_strokes_with_rests_leave_the_sign_as_blunt_as_is_to_be_expected():
     assert again.get(("coulomb", 0), value) < 2 * value
 
 
-@pytest.mark.parametrize("seed", plants.seeds(1, 4))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
 def test_a_lateness_that_doubles_the_error_in_the_end_is_not_taken(seed):
     """The slow motion says it, and friction that sticks at its reversals leaves more with it."""
     train, other = plants.sharp_screw(seed), plants.sharp_screw(seed + 20)
@@ -250,6 +252,7 @@ def test_a_sign_that_turns_over_much_of_the_speed_gets_no_name():
     assert fit.values["j1.coulomb.fc"].value == pytest.approx(1.5, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_drag_beside_bristles_is_no_part_of_lugre_s_law():
     """A level that rises over most of the speeds stood for the curve of a drag."""
 
@@ -263,7 +266,7 @@ def test_a_drag_beside_bristles_is_no_part_of_lugre_s_law():
     assert drag == pytest.approx(0.25, rel=0.15)
 
 
-@pytest.mark.parametrize("seconds", [8.0, 20.0])
+@pytest.mark.parametrize("seconds", [plants.further(8.0), 20.0])
 def test_an_offset_that_drifts_is_named(seconds):
     """As of an amplifier that warms up; beside it a weight keeps its name."""
     run = axis(gravity, 11, seconds=40.0)
@@ -274,6 +277,7 @@ def test_an_offset_that_drifts_is_named(seconds):
     assert min(f.confidence for f in d.findings) > 0.9
 
 
+@pytest.mark.slow
 def test_an_offset_that_jumps_is_no_drift():
     run = axis(gravity, 12, seconds=40.0)
     jump = 0.8 * (run.t - run.t[0] > 17.0)

@@ -52,6 +52,7 @@ def test_a_run_of_fewer_instants_than_coefficients_has_noise() -> None:
     assert max(strengths, default=0.0) < 100
 
 
+@pytest.mark.slow
 def test_gravity_by_the_data_is_set_against_the_description() -> None:
     """A link drawn 40 % too heavy is said on the joints that carry it; a right one is not."""
     run = plants.spatial(1)

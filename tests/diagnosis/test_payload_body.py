@@ -36,13 +36,13 @@ def values(d: Diagnosis) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("d", "link"),
     [
-        pytest.param(2, 2, marks=pytest.mark.slow),
-        pytest.param(3, 3, marks=pytest.mark.slow),
-        (3, 2),
-        pytest.param(4, 4, marks=pytest.mark.slow),
-        pytest.param(6, 6, marks=pytest.mark.slow),
-        pytest.param(6, 3, marks=pytest.mark.slow),
-        pytest.param(7, 7, marks=pytest.mark.slow),
+        (2, 2),
+        plants.further(3, 3),
+        plants.further(3, 2),
+        plants.further(4, 4),
+        plants.further(6, 6),
+        plants.further(6, 3),
+        plants.further(7, 7),
     ],
 )
 def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> None:
@@ -65,8 +65,8 @@ def test_a_body_in_one_of_two_runs_is_named_with_its_link(d: int, link: int) -> 
     [
         # two joints in a plane feel m, mx, mz and one moment of inertia
         pytest.param(2, 4, (0,), id="bare"),
-        pytest.param(3, 10, (3,), id="loaded", marks=pytest.mark.slow),
-        pytest.param(2, 4, (0, 2), id="both", marks=pytest.mark.slow),
+        plants.further(3, 10, (3,), id="loaded"),
+        plants.further(2, 4, (0, 2), id="both"),
     ],
 )
 def test_held_out_runs_with_and_without_the_body(
@@ -92,7 +92,7 @@ def test_held_out_runs_with_and_without_the_body(
     assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("kind", ["offsets", "body"])
+@pytest.mark.parametrize("kind", [plants.further("offsets"), "body"])
 def test_offsets_of_a_run_are_told_from_a_body_in_a_small_motion(kind: str) -> None:
     """Offsets as large as the mean effort of a body: two values, and fewer than a body has."""
     still = {"axes": PITCH, "seconds": 10.0, "reach": 0.03, "posture": 0.8}
@@ -215,9 +215,9 @@ def test_a_model_with_a_mass_at_the_tip_still_reads(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("robot", "amplitude"),
     [
-        pytest.param("planar2", 5.0, marks=pytest.mark.slow),
-        pytest.param("elbow3", 5.0, marks=pytest.mark.slow),
-        ("elbow3", 0.0),
+        plants.further("planar2", 5.0),
+        plants.further("elbow3", 5.0),
+        plants.further("elbow3", 0.0),
     ],
 )
 def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude: float) -> None:

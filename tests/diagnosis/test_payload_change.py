@@ -21,9 +21,9 @@ def answer(fitted: Recording, held: list[Recording] | None = None):
 @pytest.mark.parametrize(
     "held",
     [
-        pytest.param([], id="fifths", marks=pytest.mark.slow),
-        pytest.param(["load"], id="both", marks=pytest.mark.slow),
-        pytest.param(["none"], id="bare", marks=pytest.mark.slow),
+        plants.further([], id="fifths"),
+        plants.further(["load"], id="both"),
+        plants.further(["none"], id="bare"),
     ],
 )
 def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tmp_path):
@@ -42,7 +42,8 @@ def test_a_load_that_is_picked_up_is_named_with_mass_centre_and_instant(held, tm
     diagnosis_report(d, tmp_path / "r.html")
 
 
-@pytest.mark.parametrize("seconds", [9.0, pytest.param(20.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [9.0, 20.0])
 def test_every_run_picks_the_load_up_at_a_time_of_its_own(seconds, tmp_path):
     instants = np.array([0.3, 0.65, 0.45]) * seconds
     *runs, held = (
@@ -65,12 +66,9 @@ def test_every_run_picks_the_load_up_at_a_time_of_its_own(seconds, tmp_path):
     assert any("payload-change (5 values a run)" in text for _, text in d.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ("gain", "scale of all efforts"),
-        pytest.param("offset", "effort at rest", marks=pytest.mark.slow),
-    ],
+    ("change", "says"), [("gain", "scale of all efforts"), ("offset", "effort at rest")]
 )
 def test_what_changes_on_one_joint_is_no_load_and_nothing_that_imitates_it(change, says):
     d = answer(plants.pickup(1, change))
@@ -103,7 +101,7 @@ def test_one_of_two_runs_picks_nothing_up(first):
     assert np.all(d.ladder[-1].heldout.rms < 1.15 * d.noise)
 
 
-@pytest.mark.parametrize("change", [pytest.param("gain", marks=pytest.mark.slow), "offset"])
+@pytest.mark.parametrize("change", [plants.further("gain"), "offset"])
 def test_what_one_joint_changes_in_every_run_at_a_time_of_its_own_is_no_load(change):
     """It has no name; the answer says where to look."""
     runs = [plants.pickup(k, change, f"run{k}", at=at) for k, at in enumerate((6.0, 13.0))]

@@ -55,6 +55,7 @@ def test_an_effort_at_one_place_that_no_speed_turns_is_no_local_friction():
     assert "local-friction" not in named(d)
 
 
+@pytest.mark.slow
 def test_viscous_friction_that_varies_over_the_range_has_no_name():
     d = diagnosed(lambda t, q, v: 0.25 * q * v)
     assert d.verdict == "unexplained" and not d.findings

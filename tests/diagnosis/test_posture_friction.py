@@ -60,6 +60,7 @@ def test_cables_that_run_past_a_bent_joint() -> None:
     assert after < before / 10
 
 
+@pytest.mark.slow
 def test_a_cable_around_a_bent_joint_rubs_with_its_tension() -> None:
     """A spring loads it; the capstan's friction grows with the load and with the angle."""
 
@@ -82,6 +83,7 @@ def test_a_cable_around_a_bent_joint_rubs_with_its_tension() -> None:
     assert d.ladder[-1].heldout.relative[1] < d.ladder[0].heldout.relative[1] / 10
 
 
+@pytest.mark.slow
 def test_an_effort_that_follows_the_other_joint_is_no_friction() -> None:
     """A hose between the two: its pull does not turn with the speed."""
     d = diagnosed(lambda q, v, a: 0.15 * q[:, 0] ** 2)

@@ -244,6 +244,7 @@ def test_a_weak_law_of_position_beside_a_strong_wave_is_named_where_noise_is_les
     assert last < first / 5
 
 
+@pytest.mark.slow
 def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     """A spring too weak for a name beside a strong cogging is a hint: it can be tried by hand.
 

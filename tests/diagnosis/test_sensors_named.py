@@ -81,7 +81,9 @@ SENSORS = {
 }
 
 
-@pytest.mark.parametrize("effect", SENSORS)
+@pytest.mark.parametrize(
+    "effect", ["force-gain", *map(plants.further, sorted(SENSORS.keys() - {"force-gain"}))]
+)
 def test_error_of_the_force_sensor_is_named_with_its_channel(effect):
     sensor, name, value = SENSORS[effect]
     d, found = named(plants.arm(1, force=plants.hand, sensor=sensor))
@@ -100,6 +102,7 @@ def test_sensors_at_the_joints_cannot_be_told_from_the_motor():
     assert d.verdict == "ambiguous"
 
 
+@pytest.mark.slow
 def test_lag_of_the_motion_differs_from_delay_only_beside_a_measured_force():
     def lagging(seconds):
         state = [None]
@@ -162,6 +165,7 @@ def lost(start):
     return lambda t: np.clip((t - start) / 0.4, 0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_lost_counts_show_in_gravity():
     def shift(t, q):
         return 0.05 * lost(8.3)(t)[:, None] * np.array([0.0, 0.0, 1.0])

@@ -28,8 +28,8 @@ def test_a_rigid_drive_lacks_nothing(seed: int, fast: float) -> None:
     ("hidden", "effect", "parameter", "value"),
     [
         ({"lag": 0.02}, "actuator-lag", "T", 0.02),
-        pytest.param({"lag": 0.05}, "actuator-lag", "T", 0.05, marks=pytest.mark.slow),
-        pytest.param({"ripple": 0.05}, "torque-ripple", "p", 9 / 6.2832, marks=pytest.mark.slow),
+        plants.further({"lag": 0.05}, "actuator-lag", "T", 0.05),
+        plants.further({"ripple": 0.05}, "torque-ripple", "p", 9 / 6.2832),
         ({"ripple": 0.15}, "torque-ripple", "p", 9 / 6.2832),
     ],
 )
@@ -86,6 +86,7 @@ def test_a_weight_behind_a_soft_spring_leaves_the_spring_in_the_race(
     assert not any("vibration-mode" in x and "elastic-transmission" not in x for x in found)
 
 
+@pytest.mark.slow
 def test_a_link_that_rubs_behind_its_spring_is_told_from_a_mode() -> None:
     """Its friction is what a mode has not, and sticks at reversals: no sum of linear springs."""
     rub = 0.1
@@ -156,6 +157,7 @@ def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() 
     assert d.findings[0].parameters["j1.vibration-mode.m"].value == pytest.approx(0.01, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_short_lag_may_be_a_delay_and_a_longer_one_is_none() -> None:
     run = plants.transmission(1, lag=0.003)
     d = diagnose([run], base_model(run.robot))
@@ -267,7 +269,7 @@ def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: flo
     assert blow == pytest.approx((friction - 2.0) * flight, rel=0.1)
 
 
-@pytest.mark.parametrize("width", [0.01, pytest.param(0.015, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("width", [0.01, plants.further(0.015)])
 def test_backlash_is_named(width: float) -> None:
     run = plants.transmission(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
     d = diagnose([run], base_model(run.robot) + "position-torque")
@@ -275,7 +277,8 @@ def test_backlash_is_named(width: float) -> None:
     assert d.findings[0].parameters["j1.backlash.b"].value == pytest.approx(width, rel=0.4)
 
 
-@pytest.mark.parametrize("unlike", [pytest.param(1.0, marks=pytest.mark.slow), 0.7])
+@pytest.mark.slow
+@pytest.mark.parametrize("unlike", [1.0, 0.7])
 def test_two_motors_of_two_joints_are_a_differential(unlike: float) -> None:
     """Cables of a wrist: seals of both motors, whose friction is an algebraic function of speed."""
 

@@ -45,6 +45,7 @@ def test_geometry_is_learnt_and_not_named() -> None:
     assert d.warnings[0][0] == "no-geometry"
 
 
+@pytest.mark.slow
 def test_friction_beside_an_unknown_geometry_is_named() -> None:
     """What gravity cannot be keeps its name."""
     d = diagnosed(0.8)

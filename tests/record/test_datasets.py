@@ -127,7 +127,13 @@ SETS = {
 
 
 @needs_data
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "umn_grasper" else name
+        for name in SETS
+    ],
+)
 def test_sets_of_runs_that_fit_and_runs_that_judge(name):
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
     d, *counts = SETS[name]

@@ -228,6 +228,7 @@ def test_an_own_effect_is_agreed_to_checked_and_ranked(begun):
     assert "eyelet-rub" in catalogue.table()
 
 
+@pytest.mark.slow
 def test_the_commands_that_are_shown_make_the_same_models(begun, capsys):
     """Every command takes the model that the last one wrote, own effects and removals too."""
     _, folder = begun

@@ -19,6 +19,7 @@ def test_emps_published_identification_is_reproduced():
     assert here.heldout == pytest.approx(6.00, abs=0.1)
 
 
+@pytest.mark.slow
 def test_emps_missing_effect_is_named_and_lowers_the_heldout_error():
     here = recordings.emps_diagnosed()
     assert here.diagnosis.verdict == "missing-effect"
