@@ -1489,19 +1489,50 @@ def gantry(seed: int, slow: float = 1.0) -> Recording:
     )
 
 
+def _two_turn(seed: int, moved: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]):
+    """Two joints without a description: what moves them, and friction."""
+    rng, t = np.random.default_rng(seed), np.arange(0, 30, 1 / 200.0)
+    f = np.array([[0.11, 0.31, 0.77], [0.17, 0.41, 0.97]])
+    q, v, a = sines(t, 2 * np.pi * f, 0.9 / (1 + 3 * f), rng.uniform(0, 6.28, (2, 3)))
+    tau = moved(q, v, a) + 0.1 * np.tanh(v / 0.01) + 0.05 * v
+    tau += 0.002 * rng.standard_normal(q.shape)
+    return Recording("run", "arm", ("joint1", "joint2"), t, q, tau, robot=SINGLE)
+
+
 def parallelogram(seed: int) -> Recording:
     """Two motors at the base move the two links of a parallelogram.
 
     tau_1 = A a1 + C cos(q1 - q2) a2 + C sin(q1 - q2) v2^2, and the other way round.
     """
-    rng, t = np.random.default_rng(seed), np.arange(0, 30, 1 / 200.0)
-    f = np.array([[0.11, 0.31, 0.77], [0.17, 0.41, 0.97]])
-    q, v, a = sines(t, 2 * np.pi * f, 0.9 / (1 + 3 * f), rng.uniform(0, 6.28, (2, 3)))
-    apart = q[:, 0] - q[:, 1]
-    tau = np.array([0.5, 0.4]) * a + 0.35 * np.cos(apart)[:, None] * a[:, ::-1]
-    tau += 0.35 * np.stack([np.sin(apart), -np.sin(apart)], axis=1) * v[:, ::-1] ** 2
-    tau += 0.1 * np.tanh(v / 0.01) + 0.05 * v + 0.002 * rng.standard_normal(q.shape)
-    return Recording("run", "arm", ("joint1", "joint2"), t, q, tau, robot=SINGLE)
+
+    def moved(q, v, a):
+        apart = q[:, 0] - q[:, 1]
+        tau = np.array([0.5, 0.4]) * a + 0.35 * np.cos(apart)[:, None] * a[:, ::-1]
+        return tau + 0.35 * np.stack([np.sin(apart), -np.sin(apart)], axis=1) * v[:, ::-1] ** 2
+
+    return _two_turn(seed, moved)
+
+
+def turret(seed: int) -> Recording:
+    """A weight on an arm that a second joint raises: A + B cos^2 q2 about the first one."""
+
+    def moved(q, v, a):
+        (_, s2), (_, c2), (v1, v2) = np.sin(q).T, np.cos(q).T, v.T
+        first = (0.2 + 0.4 * c2**2) * a[:, 0] - 0.8 * s2 * c2 * v1 * v2
+        return np.stack([first, 0.5 * a[:, 1] + 0.4 * s2 * c2 * v1**2], axis=1)
+
+    return _two_turn(seed, moved)
+
+
+def linkage(seed: int) -> Recording:
+    """Two joints of which the first one's inertia A + B cos q1 cos q2 varies with both angles."""
+
+    def moved(q, v, a):
+        (s1, s2), (c1, c2), (v1, v2) = np.sin(q).T, np.cos(q).T, v.T
+        first = (0.5 + 0.3 * c1 * c2) * a[:, 0] - 0.15 * s1 * c2 * v1**2 - 0.3 * c1 * s2 * v1 * v2
+        return np.stack([first, 0.4 * a[:, 1] + 0.15 * c1 * s2 * v1**2], axis=1)
+
+    return _two_turn(seed, moved)
 
 
 def mujoco_arm(robot: str, motion: int, *hidden: dict[str, object]) -> Recording:

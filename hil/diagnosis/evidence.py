@@ -80,7 +80,8 @@ def terms_to_try(
             there = own_values if own else present
             if (effect.name, j) in there or (held[j] and not effect.scope.of_robot):
                 continue
-            if any((other, j) not in present for other in effect.relations.extends):
+            beside = effect.relations.extends
+            if beside and not any((other, j) in present for other in beside):
                 continue
             reason = effect.scope.lacks(motion, j)
             if reason:

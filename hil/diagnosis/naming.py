@@ -351,7 +351,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
         r
         for r in rated
         if (r.candidate.name, c.term.joint) not in search.refused
-        and (r is own or r.candidate.name != c.name)
+        and (r is own or (r.candidate.name != c.name and not rules.may_be_gravity(search, r)))
         and r.joint == c.joint
     ]
     if own is None or not good:
@@ -391,6 +391,7 @@ def _suiting(
         for r in rated
         if r is not own
         and r.joint == c.joint
+        and not rules.may_be_gravity(search, r)
         and r.candidate.dof <= c.dof
         and (r.candidate.name, c.term.joint) not in search.refused
         and (shaped or r.removed > (1 - DISCREPANCY) * own.removed)
@@ -440,6 +441,7 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
         if r.joint == j
         and r.candidate.name != c.name
         and (r.candidate.name, c.term.joint) not in search.refused
+        and not rules.may_be_gravity(search, r)
         and r.removed > (1 - DISCREPANCY) * own.removed
     ]
     went = {}

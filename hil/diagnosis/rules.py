@@ -275,20 +275,24 @@ def _line(case: RuleCase) -> str:
 
 @_candidate("geometry")
 def _geometry(case: RuleCase) -> str:
+    may_be = may_be_gravity(case.search, case.rated)
+    return "gravity of an unknown geometry would explain it as well" if may_be else ""
+
+
+def may_be_gravity(search: Search, r: Rated) -> bool:
     """Without a robot description springs and masses are names for what gravity may be.
 
     What takes most of what sums of sines and cosines leave on its joint is no gravity.  Nor is it
     along a slide where the slide's own position sets it.
     """
-    effect, r, j = case.rated.candidate.term.effect, case.rated, case.rated.joint
-    if case.search.problem.robot.units[j] != "rad":
-        return ""
-    if Trait.CORRECTION in effect.traits or not case.search.blind or effect.family not in SOLID:
-        return ""
-    there = [t for t in case.search.now.result.terms if t.joint == j]
-    if any(Trait.GEOMETRY in t.effect.traits for t in there) and r.after < OPEN**2 * r.before:
-        return ""
-    return "gravity of an unknown geometry would explain it as well"
+    effect, j = r.candidate.term.effect, r.joint
+    if search.problem.robot.units[j] != "rad":
+        return False
+    if Trait.CORRECTION in effect.traits or not search.blind or effect.family not in SOLID:
+        return False
+    there = [t for t in search.now.result.terms if t.joint == j]
+    learnt = any(Trait.GEOMETRY in t.effect.traits for t in there)
+    return not (learnt and r.after < OPEN**2 * r.before)
 
 
 @_candidate("kindred")

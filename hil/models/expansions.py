@@ -21,10 +21,10 @@ Control, 2006, 7.3 (Christoffel symbols).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, product
 from typing import ClassVar
 
 import numpy as np
@@ -325,6 +325,29 @@ class GenericPosture(_OfGeometry):
     traits = _OfGeometry.traits | Trait.MOTION
 
 
+def _tripled(arm: ArmAxes, j: int) -> Iterator[str]:
+    """Products of the waves of three joints that follow each other, one of them joint j."""
+    turning = [k for k in arm.moves if arm.units[k] == "rad"]
+    for three in zip(turning, turning[1:], turning[2:], strict=False):
+        if j in three:
+            for waves in product(*map(arm.waves, three)):
+                yield " * ".join(waves)
+
+
+class GenericReach(_OfGeometry):
+    """Gravity: products of the sines and cosines of three joint angles that follow each other."""
+
+    name = "generic-reach"
+    doc = _geometry_doc(
+        "tau_j = sum c {sin, cos} q_k {sin, cos} q_l {sin, cos} q_m,  k, l, m one after the other",
+        "an effort that stays at rest and varies with the posture of three joints",
+        "gravity of an unknown geometry, by three joints in a row",
+    )
+    texts = staticmethod(_tripled)
+    scope = _scope(_tripled)
+    traits = _OfGeometry.traits | Trait.MOTION
+
+
 def _coupled(arm: ArmAxes, j: int) -> Iterator[str]:
     """Accelerations of the other joints, and squares of speeds, times waves."""
     for k in (k for k in arm.near(j) if k != j):
@@ -350,6 +373,162 @@ class GenericInertia(_OfGeometry):
     )
     texts = staticmethod(_coupled)
     scope = _scope(_coupled)
+
+
+#: Sum of whole multiples of angles: pairs of a joint and its multiple.
+Angle = tuple[tuple[int, int], ...]
+#: Largest multiple: an inertia is of second degree in sines and cosines.
+MOST_TURNS = 2
+
+
+def _angles(first: int, *more: int) -> list[Angle]:
+    """All sums over one joint or two in which the first one counts, with its sign left out."""
+    every: list[Angle] = [()]
+    for k in more[:1]:
+        every = [(), *(((k, n),) for n in range(-MOST_TURNS, MOST_TURNS + 1) if n)]
+    return [((first, n), *rest) for n in range(1, MOST_TURNS + 1) for rest in every]
+
+
+def _summed(angle: Angle, letter: str) -> str:
+    """The sum as a formula: of angles ``q``, or of speeds ``v``."""
+    return " + ".join(f"{n} * {letter}{k + 1}" for k, n in angle)
+
+
+#: Angles of a law, each with the joint whose motion it belongs to.
+Angles = Callable[[ArmAxes, int], Iterable[tuple[int, Angle]]]
+
+
+@lru_cache(maxsize=256)
+def _sums(angles: Angles, arm: ArmAxes, j: int) -> tuple[NDArray[np.intp], FloatArray]:
+    """Those joints (m,), and the multiples of all joints' angles (d, m)."""
+    found = list(angles(arm, j))
+    orders = np.zeros((len(arm.units), len(found)))
+    for column, (_, angle) in enumerate(found):
+        for k, n in angle:
+            orders[k, column] = n
+    return np.array([k for k, _ in found], dtype=np.intp), orders
+
+
+def _turns(cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """Columns of cosines and sines (n, m) in turn, (n, 2 m)."""
+    return np.stack([cos, sin], axis=2).reshape(len(cos), -1)
+
+
+def _turning(arm: ArmAxes, j: int) -> list[int]:
+    """Other joints that turn as joint j does."""
+    return [k for k in arm.near(j) if k != j and arm.units[k] == arm.units[j] == "rad"]
+
+
+def _beside(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
+    """Sums and differences of joint j's angle and each other one's."""
+    for k in _turning(arm, j):
+        yield from ((k, ((j, 1), (k, sign))) for sign in (-1, 1))
+
+
+def _parallel(arm: ArmAxes, j: int) -> Iterator[str]:
+    """What energies qd_j qd_k {cos, sin} (q_j -+ q_k) cost joint j."""
+    for k, angle in _beside(arm, j):
+        sum_, a, v = f"({_summed(angle, 'q')})", f"a{k + 1}", f"v{k + 1} ** 2"
+        less, more = ("-", "+") if angle[1][1] > 0 else ("+", "-")
+        yield f"cos{sum_} * {a} {less} sin{sum_} * {v}"
+        yield f"sin{sum_} * {a} {more} cos{sum_} * {v}"
+
+
+class GenericParallel(_OfGeometry):
+    """Inertia of links whose angles are all against the base: a parallelogram's, of few terms."""
+
+    name = "generic-parallel"
+    doc = _geometry_doc(
+        "tau_j = sum_k c (cos x qdd_k +- sin x qd_k^2) + s (sin x qdd_k -+ cos x qd_k^2),  "
+        "x = q_j -+ q_k",
+        "an effort with accelerations of other joints that follows a difference of two angles",
+        "inertia of an unknown geometry, driven from the base",
+    )
+    texts = staticmethod(_parallel)
+    scope = _scope(_parallel)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """d(f qd_k)/dt - qd_j qd_k df/dq_j for every f, (n, m)."""
+        who, orders = _sums(_beside, chain(motion), j)
+        angle, a, v = motion.q @ orders, motion.qdd[:, who], motion.qd[:, who] ** 2
+        cos, sin = np.cos(angle), np.sin(angle)
+        sign = orders[who, np.arange(who.size)]
+        return _turns(cos * a - sign * (sin * v), sin * a + sign * (cos * v))
+
+
+def _behind(arm: ArmAxes, j: int) -> list[int]:
+    """Joints that turn behind joint j, the next one first: the inertia about it follows them."""
+    return [k for k in arm.moves if k > j and arm.units[k] == "rad"]
+
+
+def _swung(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
+    """Angles of the inertia about joint j: of the two joints behind it."""
+    behind = _behind(arm, j)[:2]
+    for at, k in enumerate(behind):
+        yield from ((j, angle) for angle in _angles(k, *behind[at + 1 :]))
+
+
+def _swing(arm: ArmAxes, j: int) -> Iterator[str]:
+    """Rates of the angular momentum f qd_j, f = cos or sin of a sum of angles behind j."""
+    v, a = f"v{j + 1}", f"a{j + 1}"
+    for _, angle in _swung(arm, j):
+        sum_, rate = f"({_summed(angle, 'q')})", f"({_summed(angle, 'v')})"
+        yield f"cos{sum_} * {a} - sin{sum_} * ({rate} * {v})"
+        yield f"sin{sum_} * {a} + cos{sum_} * ({rate} * {v})"
+
+
+class GenericSwing(_OfGeometry):
+    """Inertia about a joint that varies with the angles behind it: an arm that is stretched out."""
+
+    name = "generic-swing"
+    doc = _geometry_doc(
+        "tau_j = sum_f c_f d(f qd_j)/dt,  f = {cos, sin}(m q_k + n q_l), the next two joints",
+        "an effort with the joint's own acceleration that follows the posture behind it",
+        "inertia of an unknown geometry, about this joint",
+    )
+    texts = staticmethod(_swing)
+    scope = _scope(_swing)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """d(f qd_j)/dt for every f, (n, m)."""
+        who, orders = _sums(_swung, chain(motion), j)
+        angle, a, v = motion.q @ orders, motion.qdd[:, who], motion.qd[:, who]
+        cos, sin, turns = np.cos(angle), np.sin(angle), motion.qd @ orders * v
+        return _turns(cos * a - sin * turns, sin * a + cos * turns)
+
+
+def _flung(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
+    """The two joints before j, and the angles of the inertia about each in which j counts."""
+    if arm.units[j] != "rad" or j not in arm.moves:
+        return
+    for k in [k for k in reversed(arm.moves) if k < j and arm.units[k] == "rad"][:2]:
+        beside = sorted((x for x in _behind(arm, k) if x != j), key=lambda x: abs(x - j))
+        yield from ((k, angle) for angle in _angles(j, *beside))
+
+
+def _centrifugal(arm: ArmAxes, j: int) -> Iterator[str]:
+    """Squares of the speeds of joints before j times cos and sin of sums of angles with j's."""
+    for k, angle in _flung(arm, j):
+        yield from (f"v{k + 1} ** 2 * {wave}({_summed(angle, 'q')})" for wave in ("cos", "sin"))
+
+
+class GenericCentrifugal(_OfGeometry):
+    """What the turning of a joint before does to this one: it flings the links outwards."""
+
+    name = "generic-centrifugal"
+    doc = _geometry_doc(
+        "tau_j = sum_k qd_k^2 {cos, sin}(m q_j + n q_l),  k before j",
+        "an effort with the square of an earlier joint's speed that follows the posture",
+        "inertia of an unknown geometry, about the joints before",
+    )
+    texts = staticmethod(_centrifugal)
+    scope = _scope(_centrifugal)
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """All products, (n, m)."""
+        who, orders = _sums(_flung, chain(motion), j)
+        angle, square = motion.q @ orders, motion.qd[:, who] ** 2
+        return _turns(square * np.cos(angle), square * np.sin(angle))
 
 
 #: Other joints with which a closed chain is sought, nearest first.  Double: 64 columns more.
@@ -381,13 +560,19 @@ class GenericLoop(_OfGeometry):
     )
     texts = staticmethod(_looped)
     scope = _scope(_looped)
-    relations = Relations(extends=("generic-inertia",))
+    relations = Relations(
+        extends=("generic-inertia", "generic-parallel", "generic-swing", "generic-centrifugal")
+    )
 
 
 EFFECTS: tuple[Effect, ...] = (
     FrictionNetwork(),
     GenericGravity(),
     GenericPosture(),
+    GenericReach(),
     GenericInertia(),
+    GenericParallel(),
+    GenericSwing(),
+    GenericCentrifugal(),
     GenericLoop(),
 )

@@ -396,7 +396,7 @@ class Relations:
     twins : tuple of Twin
         Effects that it cannot be told from.
     extends : tuple of str
-        Effects of the same joint beside which alone this one is sought: it adds to them.
+        Effects of the same joint beside one of which alone this one is sought: it adds to them.
     limit : str
         Simpler effect that this one becomes in a limit; real parts are near it, not at it.
     causes : tuple of str

@@ -33,7 +33,8 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
     ------
     str, Motion
         1 to 3 joints, moving and at standstill, with and without an external effort and a
-        known surface; the three-joint robot has geometry.  One joint over several turns.
+        known surface; the three-joint robot has geometry.  Three joints without, and one joint
+        over several turns.
     """
     for d in (1, 2, 3):
         names = tuple(f"joint{k + 1}" for k in range(d))
@@ -45,6 +46,10 @@ def sample_motions(n: int = 2000) -> Iterator[tuple[str, Motion]]:
                 _moving(robot, n, seed, external),
             )
         yield f"{plural(d, 'joint')} at standstill", _still(robot, n)
+    yield (
+        "3 joints without geometry",
+        _moving(IndependentAxes(("joint1", "joint2", "joint3")), n, 31, False),
+    )
     yield (
         "1 joint over several turns",
         _moving(IndependentAxes(("joint1",)), n, 21, False, turns=3.0),

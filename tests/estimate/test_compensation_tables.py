@@ -53,7 +53,8 @@ REFUSED = {
     "relaxation",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
-    "generic-gravity", "generic-posture", "generic-inertia", "generic-loop",
+    "generic-gravity", "generic-posture", "generic-inertia",
+    "generic-parallel", "generic-swing", "generic-centrifugal", "generic-reach", "generic-loop",
 }  # fmt: skip
 
 
