@@ -379,14 +379,15 @@ class GenericInertia(_OfGeometry):
 Angle = tuple[tuple[int, int], ...]
 #: Largest multiple: an inertia is of second degree in sines and cosines.
 MOST_TURNS = 2
+#: Joints next to one, behind it or before it, that count.  Double: 20 columns more for each.
+NEXT = 2
 
 
 def _angles(first: int, *more: int) -> list[Angle]:
     """All sums over one joint or two in which the first one counts, with its sign left out."""
-    every: list[Angle] = [()]
-    for k in more[:1]:
-        every = [(), *(((k, n),) for n in range(-MOST_TURNS, MOST_TURNS + 1) if n)]
-    return [((first, n), *rest) for n in range(1, MOST_TURNS + 1) for rest in every]
+    turns = range(-MOST_TURNS, MOST_TURNS + 1)
+    rests: list[Angle] = [(), *(((k, n),) for k in more[:1] for n in turns if n)]
+    return [((first, n), *rest) for n in range(1, MOST_TURNS + 1) for rest in rests]
 
 
 def _summed(angle: Angle, letter: str) -> str:
@@ -463,7 +464,7 @@ def _behind(arm: ArmAxes, j: int) -> list[int]:
 
 def _swung(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
     """Angles of the inertia about joint j: of the two joints behind it."""
-    behind = _behind(arm, j)[:2]
+    behind = _behind(arm, j)[:NEXT]
     for at, k in enumerate(behind):
         yield from ((j, angle) for angle in _angles(k, *behind[at + 1 :]))
 
@@ -501,7 +502,7 @@ def _flung(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
     """The two joints before j, and the angles of the inertia about each in which j counts."""
     if arm.units[j] != "rad" or j not in arm.moves:
         return
-    for k in [k for k in reversed(arm.moves) if k < j and arm.units[k] == "rad"][:2]:
+    for k in [k for k in reversed(arm.moves) if k < j and arm.units[k] == "rad"][:NEXT]:
         beside = sorted((x for x in _behind(arm, k) if x != j), key=lambda x: abs(x - j))
         yield from ((k, angle) for angle in _angles(j, *beside))
 
