@@ -415,14 +415,12 @@ def _turns(cos: FloatArray, sin: FloatArray) -> FloatArray:
     return np.stack([cos, sin], axis=2).reshape(len(cos), -1)
 
 
-def _turning(arm: ArmAxes, j: int) -> list[int]:
-    """Other joints that turn as joint j does."""
-    return [k for k in arm.near(j) if k != j and arm.units[k] == arm.units[j] == "rad"]
-
-
 def _beside(arm: ArmAxes, j: int) -> Iterator[tuple[int, Angle]]:
-    """Sums and differences of joint j's angle and each other one's."""
-    for k in _turning(arm, j):
+    """Sums and differences of joint j's angle and those of the joints nearest to it."""
+    if arm.units[j] != "rad":
+        return
+    turning = [k for k in arm.near(j) if k != j and arm.units[k] == "rad"]
+    for k in sorted(turning, key=lambda k: abs(k - j))[:NEXT]:
         yield from ((k, ((j, 1), (k, sign))) for sign in (-1, 1))
 
 
