@@ -7,7 +7,7 @@ import math
 import plants
 import pytest
 
-from hil.diagnosis import engine
+from hil.diagnosis import rules
 from hil.diagnosis.engine import diagnose
 from hil.models.model import base_model
 
@@ -114,7 +114,7 @@ def test_a_hand_at_the_tip_is_named_with_its_stiffness_and_damping(d):
 def test_a_law_of_posture_is_doubtful_beside_masses_that_are_none(monkeypatch):
     """As of a hand that holds the tip sideways alone: gravity makes up for what the law has not."""
     runs = [plants.serial_arm(3, seed, hand=True) for seed in (1, 2)]
-    monkeypatch.setattr(engine, "upwards", lambda result: [2])
+    monkeypatch.setattr(rules, "upwards", lambda result: [2])
     d = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
     (found,) = d.findings
     assert (found.effect, found.confidence, d.verdict) == ("tip-impedance", 0.5, "ambiguous")

@@ -5,6 +5,7 @@ import plants
 import pytest
 
 import hil
+from hil.models import catalogue
 
 
 def diagnosed(extra, holdout=True, seed=1):
@@ -108,9 +109,16 @@ def test_the_share_is_that_on_the_held_out_recording():
     assert d.findings[0].excess_explained == pytest.approx(np.clip(expected, 0, 1), abs=1e-9)
 
 
+@pytest.fixture
+def nothing_relaxes(monkeypatch):
+    """A catalogue without the spring that yields."""
+    monkeypatch.delitem(catalogue.table(), "relaxation")
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("nothing_relaxes")
 def test_a_name_that_comes_to_nothing_beside_a_correction_does_not_stand():
-    """Bristles stand for a spring that yields, of no catalogue, until a correction does."""
+    """Bristles stand for a spring that yields, until a correction does."""
     first, second, other = (plants.leaking_axis(seed, 250.0, 40.0) for seed in (1, 2, 3))
     d = hil.diagnose([first, second], hil.base_model(first.robot), other)
     assert named(d) == {"spring"} and [f.effect for f in d.partial] == ["presliding"]
@@ -123,14 +131,25 @@ def test_a_name_that_comes_to_nothing_beside_a_correction_does_not_stand():
     assert d.ladder[-1].heldout.rms[0] < 0.5 * d.explained.heldout.rms[0]
 
 
+def leaking_with_loops(seed):
+    r = plants.leaking_axis(seed, 250.0, 40.0)
+    loops = 12.0 * plants.stuck(r.q[:, 0], 0.01) / 0.01
+    return plants.single("leaks", r.t, r.q[:, 0], r.tau[:, 0] + loops, robot=r.robot)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("nothing_relaxes")
 def test_friction_that_builds_up_keeps_its_name_beside_that_correction():
     """Both are there: each has what the other does not follow."""
-
-    def run(seed):
-        r = plants.leaking_axis(seed, 250.0, 40.0)
-        loops = 12.0 * plants.stuck(r.q[:, 0], 0.01) / 0.01
-        return plants.single("leaks", r.t, r.q[:, 0], r.tau[:, 0] + loops, robot=r.robot)
-
-    d = hil.diagnose([run(1), run(2)], hil.base_model(plants.SINGLE), run(3))
+    first, second, other = map(leaking_with_loops, (1, 2, 3))
+    d = hil.diagnose([first, second], hil.base_model(plants.SINGLE), other)
     assert named(d) == {"spring", "presliding"} and d.corrected
+
+
+@pytest.mark.slow
+def test_a_spring_that_yields_is_named_beside_friction_that_builds_up():
+    first, second, other = map(leaking_with_loops, (1, 2, 3))
+    d = hil.diagnose([first, second], hil.base_model(plants.SINGLE), other)
+    assert named(d) == {"spring", "presliding", "relaxation"}
+    assert d.result.values["j1.relaxation.k"].value == pytest.approx(250.0, rel=0.05)
+    assert d.result.values["j1.relaxation.T"].value == pytest.approx(0.6, rel=0.1)
