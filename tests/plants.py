@@ -1219,6 +1219,26 @@ def spatial(
     return Recording(name or f"run{seed}", "arm", JOINTS, t, q, tau, robot=source)
 
 
+def taught(seed: int, seconds: float = 30.0) -> Recording:
+    """The arm of `spatial`, without its description: one joint moves at a time, then rests."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * 100)) / 100.0
+    q, v, a = np.zeros((3, t.size, 3))
+    home = np.array([0.0, -0.5, 0.9])
+    at, start, j = home.copy(), 0.5, 0
+    q += home
+    while start < seconds - 2.5:
+        took = rng.uniform(0.8, 1.8)
+        goal = home[j] + rng.uniform(-0.7, 0.7)
+        size, s = goal - at[j], np.clip((t - start) / took, 0.0, 1.0)
+        q[:, j] += size * s**3 * (10 - 15 * s + 6 * s**2)
+        v[:, j] += size * 30 * s**2 * (1 - s) ** 2 / took
+        a[:, j] += size * 60 * s * (1 - s) * (1 - 2 * s) / took**2
+        at[j], start, j = goal, start + took + 0.2, (j + 1) % 3
+    tau = _rnea(pin.buildModelFromXML(spatial_urdf()), (q, v, a))
+    tau += SPATIAL_FC * np.tanh(v / 0.01) + SPATIAL_FV * v + NOISE * rng.normal(size=q.shape)
+    return Recording(f"run{seed}", "arm", JOINTS, t, q, tau, robot=SINGLE)
+
+
 #: Axes and friction of `serial_arm`; mass, centre and inertia of the body that it may carry.
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "1 0 0", "0 1 0")
 SERIAL_FC = np.array([1.5, 6.0, 3.0, 1.0, 0.6, 0.4, 0.3])

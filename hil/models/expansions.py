@@ -10,9 +10,9 @@ inputs x scaled to their range (95 % within -1 .. 1) and dyadic levels m, centre
 Gravity and couplings of an arm whose geometry is not known.
 
 Of a serial chain every entry of the gravity vector and of the inertia matrix is a polynomial in the
-sines and cosines of the joint angles.  Without a robot description these laws take its terms up to
-products of two joints, with free coefficients.  They are corrections, not findings: they predict,
-and no link's mass follows from them.
+sines and cosines of the joint angles.  Without a robot description these laws take its terms with
+free coefficients: inertias up to products of two joints, gravity of three in a row.  They are
+corrections, not findings: they predict, and no link's mass follows from them.
 
 Source: Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 9.3 (dynamics are
 linear in sums of products of sines and cosines); Spong, Hutchinson, Vidyasagar, Robot Modeling and

@@ -102,6 +102,15 @@ def test_an_arm_in_space_is_foretold_without_its_description() -> None:
 
 
 @pytest.mark.slow
+def test_what_may_be_gravity_takes_no_other_effects_place() -> None:
+    """A function of the position had taken that of a gain, which had been accepted before."""
+    run, other = plants.taught(5), plants.taught(6)
+    d = hil.diagnose([run], base_model(run.robot), [other])
+    assert not [f for f in d.findings if f.confidence > HALF]
+    assert "position-torque" not in {u.type for step in d.ladder for u in step.result.model.effects}
+
+
+@pytest.mark.slow
 def test_a_spring_between_two_drives_is_named_on_both() -> None:
     """The bending of a beam is the difference of its drives, next to nothing beside their way."""
     run, other = plants.gantry(0), plants.gantry(1, 0.9)

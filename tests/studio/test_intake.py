@@ -24,8 +24,11 @@ from hil.studio.intake import TEMPLATE
 from hil.studio.workbench import Inputs
 from hil.studio.worker import StudioSession
 
-OURS = {"time [ms]": ("t", "ms", False), "Encoder angle (deg)": ("q", "deg", True),
-        "drive current mA": ("tau", "mA", False)}  # fmt: skip
+OURS = {
+    "time [ms]": ("t", "ms", False),
+    "Encoder angle (deg)": ("q", "deg", True),
+    "drive current mA": ("tau", "mA", False),
+}
 
 
 def messy(path, seed=1, note=True):
@@ -66,8 +69,16 @@ def test_the_columns_of_a_table_are_shown_with_a_guess(here):
 def test_the_joints_are_counted_by_kind():
     found = intake.guess(["t", "q1", "q2", "qd1", "qd2", "tau1", "tau2", "tau_ext1", "temp"])
     kinds = [(g["kind"], g["joint"]) for g in found.values()]
-    assert kinds[1:] == [("q", 1), ("q", 2), ("qd", 1), ("qd", 2), ("tau", 1), ("tau", 2),
-                         ("tauext", 1), ("temp", 1)]  # fmt: skip
+    assert kinds[1:] == [
+        ("q", 1),
+        ("q", 2),
+        ("qd", 1),
+        ("qd", 2),
+        ("tau", 1),
+        ("tau", 2),
+        ("tauext", 1),
+        ("temp", 1),
+    ]
 
 
 def test_a_messy_table_becomes_a_session_that_the_command_line_repeats(here):
@@ -160,10 +171,12 @@ def test_two_columns_for_one_thing_are_refused():
 def test_what_is_wrong_with_the_recording_is_said_and_not_brought_in(here):
     rows = np.c_[np.arange(500) / 500, np.zeros(500), np.zeros(500)]
     np.savetxt("still.csv", rows, "%.6g", ",", header="t,q1,tau1", comments="")
-    plain = {"columns": [
-        {"column": n, "kind": k, "joint": 1, "unit": u, "flip": False}
-        for n, k, u in (("t", "t", "s"), ("q1", "q", "rad"), ("tau1", "tau", "Nm"))
-    ]}  # fmt: skip
+    plain = {
+        "columns": [
+            {"column": n, "kind": k, "joint": 1, "unit": u, "flip": False}
+            for n, k, u in (("t", "t", "s"), ("q1", "q", "rad"), ("tau1", "tau", "Nm"))
+        ]
+    }
     session = StudioSession(table="still.csv")
     told = session.ask("preview", {"picks": json.dumps(plain)})["preview"]
     assert not told["good"] and any(f["severity"] == "error" for f in told["faults"])
@@ -357,8 +370,10 @@ def test_a_model_is_exported_and_models_are_compared(begun):
         session.ask("export", {"kind": name, "path": "arm.txt"})
     beside = session.ask("beside", {"at": "0"})["beside"]
     assert beside["label"] == "base model"
-    rms = [np.sqrt(np.mean(np.square(y))) for y in
-           (beside["joints"][0]["y"], state["series"]["joints"][0]["trace"]["y"])]  # fmt: skip
+    rms = [
+        np.sqrt(np.mean(np.square(y)))
+        for y in (beside["joints"][0]["y"], state["series"]["joints"][0]["trace"]["y"])
+    ]
     assert rms[0] > 1.3 * rms[1]
     assert session.ask("go", {"at": "0"})["at"] == 0
     for wrong in ("9", "-1", "x"):
