@@ -265,6 +265,14 @@ def _payload_change_near(f: Fitted) -> bool:
     return float(np.linalg.norm(f.beta[1:])) <= PAYLOAD_REACH * abs(f.beta[0])
 
 
+def _payload_change_within(f: Fitted) -> bool:
+    """Of several runs one changes on its way: what whole runs carry is a payload of theirs."""
+    own = [t or f.shape[0] for t in f.shape[: len(f.motion.lengths)]]
+    every = [instants(length) for length in f.motion.lengths]
+    inside = (some[0] < t < some[-1] for t, some in zip(own, every, strict=False))
+    return len(every) < 2 or any(inside)
+
+
 def _payload_change_lacks(motion: Motion, j: int) -> str:
     """Needs a tip."""
     none = motion.robot.tip_load(motion.q[:2], motion.qd[:2], motion.qdd[:2]) is None
@@ -327,6 +335,11 @@ class PayloadChange(Effect):
     relations = Relations(foils=_payload_change_foils)
     search = Grid(_payload_change_grid, across=_payload_change_across, rounds=4 * OTHERS)
     limits = (
+        Limit(
+            "within",
+            _payload_change_within,
+            says="it acts in whole runs and changes within none: a payload",
+        ),
         Limit("reach", _payload_change_near, says="the centre of the load lies far from the tip"),
     )
     traits = Trait.REPLAYED

@@ -7,6 +7,8 @@ import pytest
 import hil
 from hil.identify.design import bind
 from hil.identify.problem import Problem
+from hil.models import catalogue
+from hil.models.effect import refused
 from hil.models.model import Use, Value
 from hil.record.recording import Recording
 from hil.report.data import from_diagnosis
@@ -117,3 +119,15 @@ def test_a_model_of_one_instant_has_it_in_all_runs():
     use = Use("payload-change", ("*",), {}, {"payload-change.t0": Value(plants.INSTANT)})
     term = bind(hil.base_model(run.robot) + use, Problem([run], run.robot))[-1]
     assert term.shape == (plants.INSTANT, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("own", "within"), [((6.0, 11.99), True), ((0.5, 11.99), False), ((11.99, 0.3), False)]
+)
+def test_what_one_of_two_runs_carries_throughout_is_a_payload_and_no_change(own, within):
+    """It was a change at 0.5, with the end of the one run and the start of the other."""
+    runs = [plants.serial_arm(2, k, seconds=12.0) for k in (1, 2)]
+    motion = Problem(runs, hil.base_model(runs[0].robot).robot).motions[0]
+    effect = catalogue.get("payload-change")
+    code = refused(effect, motion, 0, (*own, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    assert code == ("" if within else "within")
