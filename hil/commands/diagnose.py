@@ -28,7 +28,9 @@ from hil.errors import plural
 from hil.identify.multistep import MultiStep
 from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Effect, Lines, Trait, Waves
+from hil.models.friction import AMPLITUDES, harmonics
 from hil.models.model import Value, in_words, remark
+from hil.models.motion import FloatArray
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
 from hil.report.data import Files, command, diagnosis_json, from_diagnosis, ladder_json, with_files
@@ -51,6 +53,9 @@ from hil.report.text import (
     where,
 )
 
+#: Periods that a range must hold for a wave to be told as one.  Half: a slope over half the range
+#: is a "period" that nobody saw; double: a ripple of one and a half turns is told as a change.
+PERIODS = 0.8
 SENTENCES = {
     "missing-effect": "missing-effect: the given model lacks what is named below.",
     "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
@@ -179,16 +184,17 @@ def _sure(v: Value, deviations: float) -> bool:
     return not fixed and abs(v.value) > deviations * v.stderr
 
 
-def _telling(f: Finding, contribution: str = "") -> str:
+def _telling(f: Finding, contribution: str = "", span: FloatArray | None = None) -> str:
     """The value that says how large an effect is.
 
-    Of a wave its amplitude and period; else a coefficient that the data determine, the largest of
+    Of a wave its amplitude and period, or what it changes over a range that is shorter than a
+    period; else a coefficient that the data determine, the largest of
     one unit, or both of two.  A shape (a time, a speed) stands for the size only where all
     coefficients are shares of one: one that is declared to be the size and determined, else the
     one of the least relative standard error.  Where the data determine none of these, what the
     effect takes off the error, in words.
     """
-    if wave := _wave(f):
+    if wave := _smooth(f, span) or _wave(f):
         return wave
     short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
     kind = catalogue.get(f.effect)
@@ -291,17 +297,34 @@ def _wave(f: Finding) -> str:
     return f"{size}, period = {1 / (short[number].value * (k + 1)):.4g} {unit}"
 
 
+def _smooth(f: Finding, span: FloatArray | None) -> str:
+    """What a wave changes over a range of less than a period; empty where it is none."""
+    short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
+    names = [p.name for p in AMPLITUDES]
+    if catalogue.get(f.effect).params != AMPLITUDES or not {"p", *names} <= set(short):
+        return ""
+    if span is None or not short["p"].value * float(span[1] - span[0]) < PERIODS:
+        return ""
+    q = np.linspace(float(span[0]), float(span[1]), 201)
+    effort = harmonics(q, short["p"].value) @ [short[n].value for n in names]
+    force, unit = short[names[0]].unit, short["p"].unit.removeprefix("1/")
+    low, high = (f"{q[k]:.3g} {unit}" for k in (effort.argmin(), effort.argmax()))
+    return f"changes by {np.ptp(effort):.3g} {force}: least at {low}, most at {high}"
+
+
 def _names_table(d: Diagnosis) -> str:
     """Effects that were found, a row each, with the value that tells their size."""
     rows, joints = [], d.result.problem.joints
     for f in d.findings:
+        span = d.result.problem.span[joints.index(f.joint)] if f.joint in joints else None
+        value = _late(d, f) or _telling(f, _contribution(d, f), span)
         rows.append(
             [
                 f"{f.effect} on {f.joint}" if f.joint else f.effect,
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 percent(f.excess_explained),
-                "; ".join([_late(d, f) or _telling(f, _contribution(d, f)), *_forms(f, joints)]),
+                "; ".join([value, *_forms(f, joints)]),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import plants
 import pytest
 from test_report import model
@@ -188,6 +189,20 @@ NAN = float("nan")
 )
 def test_the_value_shown_says_how_large_an_effect_is(effect, values, shown):
     assert _telling(finding(effect, **values)) == shown
+
+
+@pytest.mark.parametrize(
+    ("span", "shown"),
+    [
+        ((0.0, 1.0), "changes by 2 N m: least at 0 rad, most at 1 rad"),
+        ((0.0, 2.0), "amplitude = 1 +- 0.01 N m, period = 2 rad"),
+    ],
+)
+def test_a_change_over_less_than_a_period_is_told_as_a_change(span, shown):
+    """A friction that grows along the range was told as a wave of 1.8 rad over 0.9 rad."""
+    values = dict.fromkeys(("a1", "a2", "b2"), (0.0, 0.01, "N m"))
+    values |= {"b1": (-1.0, 0.01, "N m"), "p": (0.5, 0.01, "1/rad")}
+    assert _telling(finding("position-friction", **values), "", np.array(span)) == shown
 
 
 @pytest.mark.parametrize(
