@@ -25,12 +25,13 @@ from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Rung, rising
 from hil.diagnosis.verdict import NO_GEOMETRY, lateness, not_white, only_there
 from hil.errors import plural
+from hil.identify.fit import in_units
 from hil.identify.multistep import MultiStep
-from hil.models import catalogue
+from hil.identify.problem import Problem
+from hil.models import catalogue, formula
 from hil.models.effect import VALUE_DEVIATIONS, Effect, Lines, Trait, Waves
-from hil.models.friction import AMPLITUDES, harmonics
 from hil.models.model import Value, in_words, remark
-from hil.models.motion import FloatArray
+from hil.models.parts import JOINT
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
 from hil.report.data import Files, command, diagnosis_json, from_diagnosis, ladder_json, with_files
@@ -56,6 +57,10 @@ from hil.report.text import (
 #: Periods that a range must hold for a wave to be told as one.  Half: a slope over half the range
 #: is a "period" that nobody saw; double: a ripple of one and a half turns is told as a change.
 PERIODS = 0.8
+#: Share of the best determined coefficient's standard errors from which another one, in another
+#: unit, may stand for an effect.  Double: dry friction that warms is told by its viscous part;
+#: half: two coupled motors by an inertia of 2.5 standard errors beside a friction of fifty.
+SURER = 0.1
 SENTENCES = {
     "missing-effect": "missing-effect: the given model lacks what is named below.",
     "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
@@ -184,17 +189,16 @@ def _sure(v: Value, deviations: float) -> bool:
     return not fixed and abs(v.value) > deviations * v.stderr
 
 
-def _telling(f: Finding, contribution: str = "", span: FloatArray | None = None) -> str:
+def _telling(f: Finding, contribution: str = "", problem: Problem | None = None) -> str:
     """The value that says how large an effect is.
 
-    Of a wave its amplitude and period, or what it changes over a range that is shorter than a
-    period; else a coefficient that the data determine, the largest of
-    one unit, or both of two.  A shape (a time, a speed) stands for the size only where all
-    coefficients are shares of one: one that is declared to be the size and determined, else the
-    one of the least relative standard error.  Where the data determine none of these, what the
-    effect takes off the error, in words.
+    Of a function of the position what it changes over the range, of a wave its amplitude and
+    period; else a coefficient that the data determine, the largest of one unit, or both of two.
+    A shape (a time, a speed) stands for the size only where all coefficients are shares of one: one
+    that is declared to be the size and determined, else the one of the least relative standard
+    error.  Where the data determine none of these, what the effect takes off the error, in words.
     """
-    if wave := _smooth(f, span) or _wave(f):
+    if wave := _change(f, problem) or _wave(f):
         return wave
     short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
     kind = catalogue.get(f.effect)
@@ -216,12 +220,14 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
     sized = [n for n in own if not (n == "a" and short[n].unit == "1" and kind.shape)]
     for deviations in (VALUE_DEVIATIONS, 1.0):
         if sure := [n for n in sized if _sure(short[n], deviations)]:
-            like = [n for n in sure if short[n].unit == short[sure[0]].unit]
+            times = {n: abs(short[n].value) / short[n].stderr for n in sure}
+            first = next(n for n in sure if times[n] >= SURER * max(times.values()))
+            like = [n for n in sure if short[n].unit == short[first].unit]
             if like == own and len(own) == 2:  # a direction: neither part says its size alone
                 return ", ".join(common.value_line(n, short[n]) for n in own)
             best = max(like, key=lambda n: abs(short[n].value))
-            times = [p.name for p in kind.shape if p.size and p.unit == "s"]
-            told = [n for n in times if n in short and _sure(short[n], VALUE_DEVIATIONS)]
+            lasts = [p.name for p in kind.shape if p.size and p.unit == "s"]
+            told = [n for n in lasts if n in short and _sure(short[n], VALUE_DEVIATIONS)]
             return ", ".join(common.value_line(n, short[n]) for n in (best, *told))
     shapes = [p for p in kind.shape if p.name in short and p.unit != "1"]
     shaped = [p.name for p in shapes]
@@ -297,34 +303,53 @@ def _wave(f: Finding) -> str:
     return f"{size}, period = {1 / (short[number].value * (k + 1)):.4g} {unit}"
 
 
-def _smooth(f: Finding, span: FloatArray | None) -> str:
-    """What a wave changes over a range of less than a period; empty where it is none."""
-    short = {n.rpartition(".")[2]: v for n, v in f.parameters.items()}
-    names = [p.name for p in AMPLITUDES]
-    if catalogue.get(f.effect).params != AMPLITUDES or not {"p", *names} <= set(short):
+def _change(f: Finding, problem: Problem | None) -> str:
+    """What an effect of one joint's position changes over the recorded range.
+
+    Empty where it depends on more than that, where one coefficient says it, and for waves of which
+    the range holds a period.
+    """
+    kind = catalogue.get(f.effect)
+    texts, shaped = kind.doc.formulas, len(kind.shape) > 0
+    short = {n.rpartition(".")[2]: v.value for n, v in f.parameters.items()}
+    places = {n for x in texts for n in formula.names(x) & {*formula.STATE}} - {"v"}
+    if problem is None or len(texts) < (2 if shaped else 3) or len(places) != 1:
         return ""
-    if span is None or not short["p"].value * float(span[1] - span[0]) < PERIODS:
+    (place,) = places
+    if place not in ("q", "qk") or not {p.name for p in (*kind.params, *kind.shape)} <= set(short):
         return ""
-    q = np.linspace(float(span[0]), float(span[1]), 201)
-    effort = harmonics(q, short["p"].value) @ [short[n].value for n in names]
-    force, unit = short[names[0]].unit, short["p"].unit.removeprefix("1/")
-    low, high = (f"{q[k]:.3g} {unit}" for k in (effort.argmin(), effort.argmax()))
-    return f"changes by {np.ptp(effort):.3g} {force}: least at {low}, most at {high}"
+    own = problem.joints.index(f.joint)
+    k = own if place == "q" else int(short[JOINT]) - 1
+    low, high = map(float, problem.span[k])
+    if isinstance(kind.search, Waves) and short["p"] * (high - low) >= PERIODS:
+        return ""
+    x = np.linspace(low, high, 201)
+    known: dict[str, Any] = {**short, place: x, "v0": 1e-9, "low": low, "high": high}
+    slow, fast = (
+        sum(short[p.name] * c for p, c in zip(kind.params, columns, strict=True))
+        for columns in (formula.evaluated(texts, known | {"v": v}) for v in (1.0, 2.0))
+    )
+    if not np.array_equal(slow, fast):
+        return ""
+    at = "" if place == "q" else f"{problem.joints[k]} = "
+    unit = in_units("{x}", problem, k)
+    least, most = (f"{at}{x[n]:.3g} {unit}" for n in (np.argmin(slow), np.argmax(slow)))
+    size = f"{np.ptp(slow):.3g} {in_units('{F}', problem, own)}"
+    return f"changes by {size}: least at {least}, most at {most}"
 
 
 def _names_table(d: Diagnosis) -> str:
     """Effects that were found, a row each, with the value that tells their size."""
     rows, joints = [], d.result.problem.joints
     for f in d.findings:
-        span = d.result.problem.span[joints.index(f.joint)] if f.joint in joints else None
-        value = _late(d, f) or _telling(f, _contribution(d, f), span)
+        value = _late(d, f) or _telling(f, _contribution(d, f), d.result.problem)
         rows.append(
             [
                 f"{f.effect} on {f.joint}" if f.joint else f.effect,
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 percent(f.excess_explained),
-                "; ".join([value, *_forms(f, joints)]),
+                "; ".join([value, *(x for x in _forms(f, joints) if x not in value)]),
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]

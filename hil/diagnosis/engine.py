@@ -37,7 +37,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
-from hil.diagnosis.heldout import Examiner, settled, within_errors
+from hil.diagnosis.heldout import Examiner, settled, still_differ, within_errors
 from hil.diagnosis.naming import emptied, exchange, separated
 from hil.diagnosis.preconditions import (
     doubts,
@@ -344,6 +344,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         with_errors(out)
         out.corrections = with_laws(out.corrections, search)
         said = {c.joint for c in out.corrections if c.alike}
+        out.warnings = still_differ(out)
         out.warnings = [
             (code, w)
             for code, w in out.warnings

@@ -51,11 +51,11 @@ from hil.identify.fit import (
     assemble,
     fit,
     identified,
-    in_units,
     leaves,
     outside,
     own_values,
     predict,
+    unit_of,
 )
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
@@ -404,7 +404,7 @@ def _words(term: Term, known: bool, beta: FloatArray, bare: Projector) -> str:
     """E.g. ``torque-offset on joint2 (0.3 N m)``, ``another value of j2.coulomb.fc (by 0.1)``."""
     problem = bare.problem
     joints, named = problem.joints, coefficients(term, problem)
-    unit = in_units(named[0][1].unit, problem, term.joint)
+    unit = unit_of(named[0][1], problem, term)
     size = f"{beta[0]:+.3g} {unit}".removesuffix(" 1") if beta.size == 1 else ""
     if known:
         if beta.size == 1:
@@ -542,10 +542,32 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
         if above[j] and j not in told
     ]
     texts = [text for _, text in sorted(found) if text]
-    if mixed:  # that the fitted sessions differ says what to do first
-        return [(DIFFER, text) for text in texts]
+    if not mixed:  # else that the fitted sessions differ says what to do first
+        texts = _advised(texts)
+    return [(DIFFER, text) for text in texts]
+
+
+def _advised(texts: list[str]) -> list[str]:
+    """The same, the last with what to do."""
     what = ADVICE if any(SAID in t for t in texts) else BOTH
-    return [(DIFFER, text) for text in [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]]
+    return [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]
+
+
+def still_differ(out: Diagnosis) -> list[tuple[str, str]]:
+    """Warnings of a diagnosis but for differences on joints that its last model serves.
+
+    What a model without its corrections lacks moves its parameters from session to session.  Where
+    the corrected one is down to the floor of the held-out runs its parameters are theirs, too.
+    """
+    joints, down = out.result.problem.joints, out.ladder[-1].heldout.rms <= ADEQUATE * out.noise
+    served = [f"{joints[j]}: " for j in np.flatnonzero(down)]
+    said = [text for code, text in out.warnings if code == DIFFER]
+    kept = [text for text in said if not text.startswith(tuple(served))]
+    if kept and kept[-1] != said[-1] and said[-1].endswith((ADVICE, BOTH)):
+        kept = _advised(kept)
+    first = next((k for k, (code, _) in enumerate(out.warnings) if code == DIFFER), 0)
+    others = [w for w in out.warnings if w[0] != DIFFER]
+    return [*others[:first], *((DIFFER, text) for text in kept), *others[first:]]
 
 
 def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:
@@ -618,7 +640,7 @@ def _ours(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str
         return []
     texts, candidates = [], _real(out.last, pair.fitted)
     beside = Projector(pair.alone.problem, pair.alone.terms, pair.alone.sigma)
-    for j in joints:
+    for j in (j for j in joints if out.last.floor.exceeded(pair.fitted.rms, j)):
         named = [c for c in candidates if c.joint == j and not c.term.per_run]
         if not named or _power(named[0], beside) > OPEN * _here(named[0], pair.fitted):
             continue

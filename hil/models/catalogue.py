@@ -22,6 +22,7 @@ from hil.userfile import LARGEST_TEXT, read_bytes
 #: Modules with a tuple `EFFECTS`; adding an effect touches its own file, its test, one line here.
 MODULES = (
     "hil.models.friction",
+    "hil.models.load_friction",
     "hil.models.presliding",
     "hil.models.mass",
     "hil.models.payload",

@@ -151,6 +151,11 @@ def _spring_varies(f: Fitted) -> bool:
     return (abs(f.beta[0]) + sure[0]) * half >= VARIES * abs(f.beta[1])
 
 
+def _spring_pulls_back(f: Fitted) -> bool:
+    """A spring returns to its rest: what pushes on is none."""
+    return f.beta[0] + f.slack[0] >= 0.0
+
+
 #: Column of a spring as text.
 SPRING = "q - (low + high) / 2"
 
@@ -174,6 +179,7 @@ class Spring(Effect):
     )
     limits = (
         Limit("constant", _spring_varies, says="it hardly varies over the range, like an offset"),
+        Limit("pulls-back", _spring_pulls_back, says="it would push away from its rest position"),
         BOUNDS,
     )
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 INF = float("inf")
 #: Name of the shape parameter that holds another joint's number, counted from 1.
 JOINT = "joint"
+#: Unit of an effort per effort of the other joint: 1, or m or 1/m where only one of them turns.
+EFFORT_RATIO = "{F}/{G}"
 #: Words for a number of poles.
 POLES = ((1.0, "one pole"), (2.0, "two poles"))
 
@@ -36,7 +38,8 @@ class Param:
     name : str
         Short name, e.g. ``"fc"``; in a model it is ``j2.coulomb.fc``.
     unit : str
-        SI unit; ``{F}`` stands for N m or N, ``{x}`` for rad or m.
+        SI unit; ``{F}`` stands for N m or N, ``{x}`` for rad or m, ``{y}`` for that of the other
+        joint where the shape names one; or `EFFORT_RATIO`, an effort per that joint's.
     text : str
         What it is.
     lower, upper : float

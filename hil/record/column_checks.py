@@ -139,18 +139,19 @@ def in_named_units(rules: Mapping[str, Rule]) -> tuple[dict[str, Rule], list[str
     """
     out, said = dict(rules), []
     for target, rule in rules.items():
-        if target == "t" or rule.stated or list(rule.terms.values()) != [1.0] or rule.shift:
+        if target == "t" or rule.stated or not is_target(target):
             continue
-        if not is_target(target):
+        if len(rule.terms) != 1 or abs(next(iter(rule.terms.values()))) != 1.0:
             continue
-        name = next(iter(rule.terms))
+        ((name, sign),) = rule.terms.items()
         unit = quantity(name)[1]
         axis = axis_of(target, unit)
         if not unit or FACTORS[stem_of(target)].get(unit) == 1.0:
             out[target] = replace(rule, axis=axis)
             continue
         factor, shift = Unit(unit).to_si(target)
-        out[target] = replace(rule, terms={name: factor}, shift=shift, stated=True, axis=axis)
+        terms, shift = {name: sign * factor}, rule.shift + shift
+        out[target] = replace(rule, terms=terms, shift=shift, stated=True, axis=axis)
         said.append(f"{target} is read in {unit}, as the name of its column {name!r} says")
     return out, said
 

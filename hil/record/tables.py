@@ -253,7 +253,7 @@ def _with_defaults(
         and c not in own
         and not (c == "t" and given.rate_hz)
     }
-    out, said = {**own, **default}, []
+    out, said = _whole_groups(own, default)
     if counted:
         first = ", ".join(n for n, target in counted.items() if target == f"{n[:-1]}1")
         said.append(f"the columns count joints from 0: {first} are of the first one")
@@ -270,6 +270,26 @@ def _with_defaults(
         names = ", ".join(name for rule in efforts.values() for name in rule.terms)
         said.append(f"efforts are torque constants times the currents {names}")
     return {**out, **efforts}, said
+
+
+#: What a fit can do without, by the stems of its columns.
+_SPARED = ("i", "temp")
+
+
+def _whole_groups(
+    own: Mapping[str, Rule], default: Mapping[str, Rule]
+) -> tuple[dict[str, Rule], list[str]]:
+    """Rules of a map and of default names, without what some joints have and others have not.
+
+    A logger's only ``temp1`` is of no joint: it is left out, unless a map asks for its group.
+    """
+    out = {**own, **default}
+    groups, d = grouped(out), max(grouped(out).get("q", [0]))
+    asked = set(grouped(own))
+    parts = [k for k in _SPARED if k in groups and k not in asked and d]
+    part = {f"{k}{n}" for k in parts if set(groups[k]) != set(range(1, d + 1)) for n in groups[k]}
+    said = [f"{', '.join(t for t in out if t in part)}: not read, because not every joint has one"]
+    return {t: rule for t, rule in out.items() if t not in part}, said if part else []
 
 
 def _of_currents(rules: Mapping[str, Rule], given: TableMap) -> dict[str, Rule]:

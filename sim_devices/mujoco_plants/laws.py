@@ -210,6 +210,18 @@ def load_viscous(p: Place) -> Law:
     return law
 
 
+def slewing_ring(p: Place) -> Law:
+    """A ring of rollers under the arm drags by what the next joint's motor holds, to a power."""
+    j, k, s = p.j, p.other, sign(p, 0.01)
+    part, usual = 4.0 * p.size, p.robot.links[p.other].effort
+
+    def law(x: State) -> float:
+        pressed: float = (abs(x.u[k]) / usual) ** 0.9
+        return -part * pressed * s(x.v[j])
+
+    return law
+
+
 def coupled_friction(p: Place) -> Law:
     """Friction in a seal that turns with this and the next joint."""
     j, k, f, v0 = p.j, p.other, p.size, 0.01 * p.link.speed
@@ -372,6 +384,7 @@ MOTOR: dict[str, Callable[[Place], Law]] = {
     "local-friction": tight_spot,
     "load-friction": load_friction,
     "load-viscous": load_viscous,
+    "coupled-load-friction": slewing_ring,
     "coupled-friction": coupled_friction,
     "posture-friction": bent_cable,
     "capstan-friction": capstan,

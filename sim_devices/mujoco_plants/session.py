@@ -29,6 +29,7 @@ NEEDS = {
     "coupled-friction": "arm",
     "posture-friction": "arm",
     "capstan-friction": "arm",
+    "coupled-load-friction": "arm",
     "torque-crosstalk": "arm",
     "coupled-transmission": "arm",
     "differential": "arm",
@@ -61,6 +62,7 @@ RANGES = {
     "joint-ratio": (0.0, 3.0),
     "load-friction": (0.0, 8.0),
     "load-viscous": (0.0, 8.0),
+    "coupled-load-friction": (0.0, 8.0),
     "gain-drift": (0.0, 8.0),
     "varying-gain": (0.0, 10.0),
     "capstan-friction": (0.0, 8.0),
@@ -80,6 +82,7 @@ LATER = (
     "varying-gain",
     "capstan-friction",
     "load-viscous",
+    "coupled-load-friction",
 )
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {

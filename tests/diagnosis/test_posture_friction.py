@@ -1,8 +1,9 @@
-"""Friction of one joint that follows where another one stands: cables that run past its bend."""
+"""Friction of one joint that follows where another one stands, or what it holds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import plants
@@ -10,6 +11,7 @@ import pytest
 
 import hil
 from hil.diagnosis.types import Diagnosis
+from hil.models.model import Use, Value
 from hil.record.recording import Recording
 
 Array = np.ndarray
@@ -23,13 +25,17 @@ def dry(v: Array) -> Array:
     return np.tanh(v / 2e-3)
 
 
-def wrist(seed: int, law: Law, seconds: float = 30.0) -> Recording:
-    """Two joints without a description; `law` is what the second one needs beside its inertia."""
+def wrist(seed: int, law: Law, seconds: float = 30.0, pull: float = 0.0) -> Recording:
+    """Two joints without a description; `law` is what the second one needs beside its inertia.
+
+    A spring of stiffness `pull` is on the first one.
+    """
     rng, t = np.random.default_rng(seed), np.arange(int(seconds * 250)) / 250.0
     q, v, a = plants.sines(
         t, np.stack([TONES, 1.13 * TONES]), np.tile(SIZES, (2, 1)), rng.uniform(0, 6.28, (2, 4))
     )
     tau = 0.05 * a + 0.1 * v + 0.3 * dry(v)
+    tau[:, 0] += pull * q[:, 0]
     tau[:, 1] += law(q, v, a)
     tau = tau + 3e-3 * np.std(tau, axis=0) * rng.normal(size=tau.shape)
     noisy = q + 2e-6 * rng.normal(size=q.shape)
@@ -81,6 +87,38 @@ def test_a_cable_around_a_bent_joint_rubs_with_its_tension() -> None:
         0.15, rel=0.1
     )
     assert d.ladder[-1].heldout.relative[1] < d.ladder[0].heldout.relative[1] / 10
+
+
+def test_a_cable_over_this_joints_pulley_rubs_with_the_other_ones_pull() -> None:
+    """An elbow's cable around the shoulder, a slewing ring under an arm, a guide of a tool."""
+    runs = [
+        wrist(seed, lambda q, v, a: 0.25 * np.abs(0.8 * q[:, 0]) * dry(v[:, 1]), pull=0.8)
+        for seed in (1, 2)
+    ]
+    d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot) + "spring", runs[1:])
+    (found,) = d.findings
+    assert (found.effect, found.joint) == ("coupled-load-friction", "tool")
+    assert found.confidence > 0.95
+    values = found.parameters
+    assert values["j2.coupled-load-friction.joint"].value == 1.0
+    mu = values["j2.coupled-load-friction.mu"]
+    assert (mu.value, mu.unit) == (pytest.approx(0.25, rel=0.1), "1")
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape", "units"),
+    [
+        ("coupled-load-friction", {"joint": 1.0, "of": 0.0}, {"mu": "1/m"}),
+        ("posture-friction", {"q0": 0.1, "joint": 1.0}, {"b": "N/rad", "q0": "rad"}),
+    ],
+)
+def test_values_over_a_joint_of_the_other_kind_have_its_unit(effect, shape, units) -> None:
+    """A slide beside a turning joint."""
+    run = replace(wrist(1, lambda q, v, a: 0.0 * v[:, 1], 10.0), metadata={"unit": "rad m"})
+    values = {f"j2.{effect}.{n}": Value(x) for n, x in shape.items()}
+    fit = hil.fit([run], hil.base_model(run.robot) + Use(effect, ("tool",), {}, values))
+    found = fit.model.values()
+    assert {n: found[f"j2.{effect}.{n}"].unit for n in units} == units
 
 
 @pytest.mark.slow

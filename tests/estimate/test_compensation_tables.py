@@ -38,6 +38,7 @@ SHAPES = {
     "torque-ripple": (5.3,),
     "load-friction": (0.0, 0.0),
     "load-viscous": (0.0,),
+    "coupled-load-friction": (2.0, 0.0),
     "stribeck": (0.12, 2.0),
     "coulomb": (0.02,),
 }

@@ -14,6 +14,7 @@ IMPOSSIBLE = {
     "stribeck": ((0.1, 1.0), (-0.2,)),
     "load-friction": ((0.0, 0.0), (-0.1,)),
     "load-viscous": ((0.0,), (-0.1,)),
+    "coupled-load-friction": ((2.0, 0.0), (-0.1,)),
     "coupled-friction": ((2.0, 1.0), (-0.3, 0.0)),
     "friction-drift": ((0.2, 0.0), (0.1, 0.0)),
     "offset-drift": ((0.2, 0.0), (0.1,)),
@@ -40,6 +41,7 @@ IMPOSSIBLE = {
     "two-stops": ((0.3, -0.3), (1.0, 0.0, 0.0, -1.0, 0.0, 0.0)),
     "missed-counts": ((1.0,), (0.8,)),
     "local-friction": ((0.0, 0.5), (0.1, 0.0)),
+    "spring": ((), (-1.0, 0.2)),
     "coupled-spring": ((2.0, -0.1), (1.0,)),
     "relaxation": ((0.5,), (-1.0,)),
     "payload-change": ((1.0, 0.0, 0.0, 0.0, 0.0), (0.2, 0.2, 0.0, 0.0)),
@@ -67,7 +69,6 @@ ANY = {
     "capstan-friction",
     "torque-offset",
     "payload",
-    "spring",
     "unbalance",
     "variable-inertia",
     "position-torque",
@@ -135,6 +136,13 @@ def test_a_stop_pushes_and_friction_at_the_end_of_the_range_is_none(side: float)
     assert allowed("end-stop", (q0, side), (0.0, 8.0, 0.5))  # Hertz: no stiffness at first touch
     assert not allowed("end-stop", (q0, side), (0.0, 0.1, 4.0))  # a brake that pulls on leaving
     assert not allowed("end-stop", (q0, side), (1.0, -9.0, 0.0))  # pulls beyond a depth
+
+
+def test_a_spring_returns_to_its_rest() -> None:
+    """A hose over two joints had a stiffness of -0.5 N m/rad on one of them, beside gravity."""
+    assert allowed("spring", (), (1.0, 0.2))
+    assert not allowed("spring", (), (-1.0, 0.2), (0.1, 0.1))
+    assert allowed("spring", (), (-0.1, 0.0), (0.1, 0.1))  # next to nothing
 
 
 def test_a_spring_between_joints_pushes_none_of_them_away() -> None:

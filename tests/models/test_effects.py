@@ -159,6 +159,10 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         lambda m, i, j, s: [abs(m.load[i, j] - s[1] * m.qdd[i, j]) * tanh(m.qd[i, j] / V0[j])],
     ),
     "load-viscous": ((1.0,), lambda m, i, j, s: [abs(m.static[i, j]) * m.qd[i, j]]),
+    "coupled-load-friction": (
+        (2.0, 1.0),
+        lambda m, i, j, s: [abs(m.static[i, int(s[0]) - 1]) * tanh(m.qd[i, j] / V0[j])],
+    ),
     "coupled-friction": ((2.0, -1.0), relative_speed),
     "posture-friction": ((0.2, 2.0), bent),
     "capstan-friction": (

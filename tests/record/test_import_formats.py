@@ -281,6 +281,29 @@ def test_a_column_without_a_number_beside_numbered_ones_is_none_of_a_joint(tmp_p
     assert "not used: q, tau" in out and "only joint" not in out
 
 
+def test_a_sensor_that_one_joint_has_does_not_stop_the_others(tmp_path, frame):
+    """The only temperature of a logger was refused, with advice that nobody could follow."""
+    path = write_csv(tmp_path / "run.csv", frame.assign(temp1=35.0))
+    found = import_table(path)
+    assert found.recordings[0].temperature is None
+    assert any(note.startswith("temp1: not read") for note in found.notes)
+    two = import_table(write_csv(tmp_path / "two.csv", frame.assign(temp1=35.0, temp2=36.0)))
+    assert two.recordings[0].temperature is not None
+    with pytest.raises(DataError, match="temp2"):  # a map asks for it
+        import_table(path, parse_map({"columns": {"temp1": "temp1"}}))
+
+
+@pytest.mark.parametrize(
+    ("more", "sign", "zero"), [({"sign": -1}, -1, 0), ({"shift": 0.5}, 1, 0.5)]
+)
+def test_the_unit_of_a_name_counts_beside_a_sign(tmp_path, frame, more, sign, zero):
+    """The line that a wrong sign is answered with had dropped the unit of the column's name."""
+    turned = frame.assign(q2=np.degrees(frame["q2"])).rename(columns={"q2": "elbow [deg]"})
+    path = write_csv(tmp_path / "run.csv", turned)
+    found = import_table(path, parse_map({"columns": {"q2": {"from": "elbow [deg]", **more}}}))
+    np.testing.assert_allclose(found.recordings[0].q[:, 1], sign * frame["q2"] + zero, atol=1e-12)
+
+
 def test_a_dry_run_shows_and_writes_nothing(tmp_path, frame, capsys):
     frame = frame.assign(tauext1=0.25, tauext2=0.5)
     table = write_csv(tmp_path / "run.csv", frame.rename(columns={"t": "time_s"}).assign(pump=1.0))

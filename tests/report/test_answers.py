@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import plants
@@ -191,18 +192,47 @@ def test_the_value_shown_says_how_large_an_effect_is(effect, values, shown):
     assert _telling(finding(effect, **values)) == shown
 
 
+def two_joints(low, high):
+    """A turning and a sliding joint, of a range for both."""
+    robot = SimpleNamespace(units=("rad", "m"))
+    span = np.array([[low, high], [low, high]])
+    return SimpleNamespace(joints=("joint1", "slide"), span=span, robot=robot)
+
+
 @pytest.mark.parametrize(
-    ("span", "shown"),
+    ("high", "shown"),
     [
-        ((0.0, 1.0), "changes by 2 N m: least at 0 rad, most at 1 rad"),
-        ((0.0, 2.0), "amplitude = 1 +- 0.01 N m, period = 2 rad"),
+        (1.0, "changes by 2 N m: least at 0 rad, most at 1 rad"),
+        (2.0, "amplitude = 1 +- 0.01 N m, period = 2 rad"),
     ],
 )
-def test_a_change_over_less_than_a_period_is_told_as_a_change(span, shown):
+def test_a_change_over_less_than_a_period_is_told_as_a_change(high, shown):
     """A friction that grows along the range was told as a wave of 1.8 rad over 0.9 rad."""
     values = dict.fromkeys(("a1", "a2", "b2"), (0.0, 0.01, "N m"))
     values |= {"b1": (-1.0, 0.01, "N m"), "p": (0.5, 0.01, "1/rad")}
-    assert _telling(finding("position-friction", **values), "", np.array(span)) == shown
+    assert _telling(finding("position-friction", **values), "", two_joints(0.0, high)) == shown
+
+
+def test_friction_over_another_joint_is_told_over_that_ones_range():
+    """Its first coefficient is negative, and the friction grows."""
+    values = {"b": (-1.0, 0.1, "N m/m"), "c": (2.0, 0.1, "N m/m^2")}
+    values |= {"q0": (-1.0, NAN, "m"), "joint": (2.0, NAN, "1")}
+    said = _telling(finding("posture-friction", **values), "", two_joints(-1.0, 1.0))
+    assert said == "changes by 6.12 N m: least at slide = -0.75 m, most at slide = 1 m"
+
+
+def test_of_coefficients_in_several_units_one_that_is_well_determined_is_told():
+    """Two coupled motors were told by an inertia of 2.5 standard errors."""
+    values = {"i": (2e-6, 8e-7, "N m s^2/rad"), "fc": (0.01, 1e-4, "N m")}
+    values |= {"fv": (0.02, 1e-3, "N m s/rad"), "joint": (2.0, NAN, "1"), "r": (1.0, NAN, "1")}
+    assert _telling(finding("coupled-transmission", **values)).startswith("fc = 0.01")
+
+
+def test_what_one_coefficient_says_is_told_by_it():
+    values = {"k": (3.0, 0.1, "N m/rad"), "t0": (0.1, 0.01, "N m")}
+    assert "k = 3" in _telling(finding("spring", **values), "", two_joints(-1.0, 1.0))
+    values = dict.fromkeys(("gs", "gc"), (0.3, 0.01, "N m"))
+    assert "gs = 0.3" in _telling(finding("unbalance", **values), "", two_joints(-1.0, 1.0))
 
 
 @pytest.mark.parametrize(
