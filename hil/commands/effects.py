@@ -8,7 +8,7 @@ from hil import terminal
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.models.effect import Effect
-from hil.models.parts import EFFORT_RATIO
+from hil.models.parts import Param
 
 EXAMPLE = "hil effects stribeck"
 
@@ -103,8 +103,5 @@ def describe(e: Effect) -> str:
 
 def _unit(unit: str) -> str:
     """A unit on a turning joint, and on a sliding one where it differs."""
-    if unit == EFFORT_RATIO:
-        return "1, or m or 1/m"
-    turning = unit.replace("{F}", "N m").replace("{x}", "rad").replace("{y}", "rad")
-    sliding = unit.replace("{F}", "N").replace("{x}", "m").replace("{y}", "m")
+    turning, sliding = (Param("", unit, "").unit_at((axis,), 0, 0) for axis in ("rad", "m"))
     return turning if turning == sliding else f"{turning}, or {sliding}"

@@ -456,10 +456,10 @@ def assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> st
 
 def _shape(rival: Rival, units: tuple[str, ...]) -> str:
     """Shape values of a rival, e.g. ``stribeck with vs = 0.2 rad/s``."""
-    effect, unit = rival.term.effect, units[rival.term.joint]
+    effect, at = rival.term.effect, (rival.term.joint, rival.term.other)
     values = []
     for p, value in zip(effect.shape, rival.term.shape, strict=True):
-        number = f"{p.name} = {value:.3g} {p.unit.replace('{x}', unit)}".removesuffix(" 1")
+        number = f"{p.name} = {value:.3g} {p.unit_at(units, *at)}".removesuffix(" 1")
         said = p.words(value)
         values.append(f"{p.name}: {said}" if said and p.choice else number)
     return f"{effect.name} with {', '.join(values)}" if values else ""

@@ -276,8 +276,11 @@ def _freed(after: FitResult, before: FitResult) -> bool:
     """Whether a correction without a free zero takes most of the error, beside what is hidden.
 
     It may not lead away from the described gravity; one that mends a gravity of another order need
-    not take most.
+    not take most.  What leaves more than half of an effort that it moved says nothing.
     """
+    changed = np.any(after.problem.effort != before.problem.effort, axis=1)
+    if np.any(after.relative[changed] >= 100 * HALF):
+        return False
     nearer, fall = _off(before) - _off(after), _fall(after.relative, before)
     return nearer > -WORTH and fall < (1 - TENTH if nearer > -np.log(TENTH) else HALF)
 

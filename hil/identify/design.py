@@ -14,6 +14,7 @@ from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.effect import Effect, Param, Trait, terms_of
 from hil.models.model import RobotModel, Use, Value
+from hil.models.parts import JOINT
 
 FloatArray = NDArray[np.float64]
 #: Effect and joint.
@@ -51,6 +52,12 @@ class Term:
     def key(self) -> Key:
         """Effect name and joint."""
         return self.effect.name, self.joint
+
+    @property
+    def other(self) -> int:
+        """The joint that its shape names, counted from 0; its own where it names none."""
+        named = zip(self.effect.shape, self.shape, strict=False)
+        return next((int(x) - 1 for p, x in named if p.name == JOINT and x > 0), self.joint)
 
     def reshaped(self, shape: tuple[float, ...]) -> Term:
         """Copy with other shape values."""

@@ -56,7 +56,7 @@ from hil.identify.solve import (
 )
 from hil.models.effect import Trait
 from hil.models.model import Range, RobotModel, Use, Value
-from hil.models.parts import EFFORT_RATIO, JOINT, Param
+from hil.models.parts import Param
 
 __all__ = ["fit", "predict", "solve", "time_blocks"]
 FloatArray = NDArray[np.float64]
@@ -265,22 +265,12 @@ def _shapes(
 
 def unit_of(p: Param, problem: Problem, term: Term) -> str:
     """Unit of a parameter of a term, with those of the other joint where its shape names one."""
-    named = zip(term.effect.shape, term.shape, strict=True)
-    k = next((int(x) - 1 for s, x in named if s.name == JOINT and x > 0), term.joint)
-    if p.unit == EFFORT_RATIO:
-        both = (_axis(problem, term.joint), _axis(problem, k))
-        return "1" if both[0] == both[1] else {"rad": "m", "m": "1/m"}[both[0]]
-    return in_units(p.unit.replace("{y}", _axis(problem, k)), problem, term.joint)
+    return p.unit_at(problem.robot.units, term.joint, term.other)
 
 
 def in_units(unit: str, problem: Problem, j: int) -> str:
     """A unit with joint j's own for {F} and {x}, e.g. N s/m for {F} s/{x}."""
-    axis = _axis(problem, j)
-    return unit.replace("{F}", "N" if axis == "m" else "N m").replace("{x}", axis)
-
-
-def _axis(problem: Problem, j: int) -> str:
-    return "m" if problem.robot.units[j] == "m" else "rad"
+    return Param("", unit, "").unit_at(problem.robot.units, j, j)
 
 
 # ------------------------------------------------------------ prediction

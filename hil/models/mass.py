@@ -27,7 +27,6 @@ from hil.models.effect import (
     Waves,
     even_ratio,
     log_grid,
-    one_joint,
     other_ratios,
     turning_orders,
 )
@@ -244,10 +243,10 @@ class Relaxation(Effect):
 
 
 def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
-    """The difference and the sum with every other joint, and with half of its motion."""
-    others = [k for k in range(motion.d) if k != j]
-    ratios = (-1.0, 1.0, -0.5, 0.5)
-    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in others for s in ratios]
+    """Difference and sum with every later joint (the pair is unordered), half and twice as much."""
+    ratios = (-1.0, 1.0, -0.5, 0.5, -2.0, 2.0)
+    later = range(j + 1, motion.d)
+    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in later for s in ratios]
 
 
 def _coupled_spring_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
@@ -269,13 +268,35 @@ def _coupled_spring_between(f: Fitted) -> bool:
     return min(own, other) >= TAKES_PART * (own + other)
 
 
+def _coupled_spring_lacks(motion: Motion, j: int) -> str:
+    """Needs a later joint."""
+    return "" if j + 1 < motion.d else "no later joint to bend with"
+
+
+def _stretch(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+    """q_j + r q_k, each about its mid-range, shape (n,)."""
+    q = motion.q - motion.span.mean(axis=1)
+    out: FloatArray = q[:, j] + shape[1] * q[:, int(shape[0]) - 1]
+    return out
+
+
+def _coupled_spring_pulls_back(f: Fitted) -> bool:
+    """Its mean stiffness over the motion is none that pushes away."""
+    d = _stretch(f.motion, f.j, f.shape)
+    k, k2, k3 = f.beta
+    return k + 2 * k2 * float(d.mean()) + 3 * k3 * float(np.mean(d * d)) + f.slack[0] >= 0.0
+
+
 class CoupledSpring(Effect):
-    """A spring between two joints: a beam on two drives, a cable or a muscle over two joints."""
+    """A spring over two joints: a beam on two drives, a cable, a hose or a muscle."""
 
     name, family = "coupled-spring", "stiffness"
     doc = Doc(
-        equation="tau = k (q + r q_k)  (rest position in the offset)",
-        signature="residual proportional to the difference, or the sum, of two joints' positions",
+        equation=(
+            "tau_j = k d + k2 d^2 + k3 d^3,  tau_k = r tau_j,  d = q_j + r q_k about mid-range  "
+            "(rest position in the offsets)"
+        ),
+        signature="residuals of two joints that follow the sum or difference of their positions",
         confused_with=("spring", "coupled-friction", "rigid-body"),
         shown_by="one joint at a time, then both with and against each other, slowly",
         source=(
@@ -284,24 +305,30 @@ class CoupledSpring(Effect):
         ),
         over=Over.POSITION,
     )
-    params = (Param("k", "{F}/{x}", "stiffness", 0.0),)
+    params = (
+        Param("k", "{F}/{x}", "stiffness at mid-range"),
+        Param("k2", "{F}/{x}^2", "how it changes with the stretch"),
+        Param("k3", "{F}/{x}^3", "how it stiffens to both sides"),
+    )
     shape = (
         Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's position, in this joint's unit"),
     )
-    scope = Scope(lacks=one_joint)
+    scope = Scope(Of.JOINTS, lacks=_coupled_spring_lacks)
     search = Grid(_coupled_spring_grid, across=_coupled_spring_across, refine=False, rounds=4)
     limits = (
         Limit("between", _coupled_spring_between, says="one of its joints hardly bends it"),
-        BOUNDS,
+        Limit("pulls-back", _coupled_spring_pulls_back, says="it would push its joints away"),
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """q_j + r q_k, each about its mid-range."""
-        k, mid = int(shape[0]) - 1, motion.span.mean(axis=1)
-        q = motion.q - mid
-        both: FloatArray = q[:, j] + shape[1] * q[:, k]
-        return both[:, None]
+        """Stretch d, d^2 and d^3 on joint j; on joint k times r: (n, d, 3)."""
+        # tau = dU/dq with U = k d^2 / 2 + k2 d^3 / 3 + k3 d^4 / 4
+        d = _stretch(motion, j, shape)
+        out = np.zeros((motion.n, motion.d, 3))
+        out[:, j] = d[:, None] ** np.arange(1, 4)
+        out[:, int(shape[0]) - 1] = shape[1] * out[:, j]
+        return out
 
 
 def _unbalance_lacks(motion: Motion, j: int) -> str:

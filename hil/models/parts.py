@@ -72,6 +72,22 @@ class Param:
     tuned: bool = False
     usual: float | None = None
 
+    def unit_at(self, units: Sequence[str], j: int, other: int) -> str:
+        """Its unit on joint j, where `other` is the joint that the shape names, or j.
+
+        Parameters
+        ----------
+        units : sequence of str
+            ``"rad"`` or ``"m"`` of every joint.
+        j, other : int
+            Joints, counted from 0.
+        """
+        own, theirs = ("m" if units[k] == "m" else "rad" for k in (j, other))
+        if self.unit == EFFORT_RATIO:
+            return "1" if own == theirs else {"rad": "m", "m": "1/m"}[own]
+        force = "N" if own == "m" else "N m"
+        return self.unit.replace("{F}", force).replace("{x}", own).replace("{y}", theirs)
+
     def words(self, value: float, joints: tuple[str, ...] = ()) -> str:
         """Words for a value; empty where the number says all.
 

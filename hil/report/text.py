@@ -344,9 +344,9 @@ def headline(m: Material) -> str:
 
 
 def _open(m: Material) -> str:
-    """The joint that an unexplained answer is about: a withheld name's, else the worst now."""
+    """The joint that an unexplained answer is about: the worst now, else a withheld name's."""
     ratios = m.ratio(m.explained)
-    if m.partial or ratios.max() <= ADEQUATE:
+    if ratios.max() <= ADEQUATE:
         return m.joints[m.concerned(1)[0]]
     return m.joints[int(np.argmax(ratios))]
 

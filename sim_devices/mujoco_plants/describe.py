@@ -314,6 +314,18 @@ def idler(p: Place, added: Additions) -> None:
     )
 
 
+def hose(p: Place, added: Additions) -> None:
+    """A hose along two joints: a fixed tendon that is slack about its rest, and damped a little."""
+    r, slack = 0.8 if p.odd else -1.0, 0.05 * p.link.reach
+    k, c = 2.0 * p.size / p.link.reach, 0.05 * p.size / p.link.speed
+    added.tendons.append(
+        f'<fixed name="hose{p.j}" stiffness="{k!r}" damping="{c!r}" '
+        f'springlength="{-slack!r} {slack!r}">'
+        f'<joint joint="joint{p.j + 1}" coef="1"/><joint joint="joint{p.other + 1}" '
+        f'coef="{r!r}"/></fixed>'
+    )
+
+
 def payload(p: Place, added: Additions) -> None:
     """A small heavy body at the tip."""
     mass = load_mass(p)
@@ -336,6 +348,7 @@ STRUCTURES: dict[str, Callable[[Place, Additions], None]] = {
     "end-stop": end_stop,
     "vibration-mode": vibration,
     "coupled-transmission": idler,
+    "coupled-spring": hose,
     "payload": payload,
     "outside-slosh": slosh,
 }

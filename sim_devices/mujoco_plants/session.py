@@ -30,6 +30,7 @@ NEEDS = {
     "posture-friction": "arm",
     "capstan-friction": "arm",
     "coupled-load-friction": "arm",
+    "coupled-spring": "arm",
     "torque-crosstalk": "arm",
     "coupled-transmission": "arm",
     "differential": "arm",
@@ -63,6 +64,7 @@ RANGES = {
     "load-friction": (0.0, 8.0),
     "load-viscous": (0.0, 8.0),
     "coupled-load-friction": (0.0, 8.0),
+    "coupled-spring": (0.0, 10.0),
     "gain-drift": (0.0, 8.0),
     "varying-gain": (0.0, 10.0),
     "capstan-friction": (0.0, 8.0),
@@ -83,6 +85,7 @@ LATER = (
     "capstan-friction",
     "load-viscous",
     "coupled-load-friction",
+    "coupled-spring",
 )
 #: Laws that had no name then: they keep their numbers.
 UNNAMED = {

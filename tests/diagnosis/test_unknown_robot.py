@@ -111,17 +111,14 @@ def test_what_may_be_gravity_takes_no_other_effects_place() -> None:
 
 
 @pytest.mark.slow
-def test_a_spring_between_two_drives_is_named_on_both() -> None:
+def test_a_spring_between_two_drives_is_named_once() -> None:
     """The bending of a beam is the difference of its drives, next to nothing beside their way."""
     run, other = plants.gantry(0), plants.gantry(1, 0.9)
     d = hil.diagnose([run], base_model(run.robot), [other])
-    assert [(f.effect, f.joint) for f in d.findings] == [
-        ("coupled-spring", "left"),
-        ("coupled-spring", "right"),
-    ]
-    for number, f in enumerate(d.findings, 1):
-        k, r = (f.parameters[f"j{number}.coupled-spring.{x}"].value for x in ("k", "r"))
-        assert k == pytest.approx(3e4, rel=0.01) and r == -1.0
+    (found,) = d.findings
+    assert (found.effect, found.joint) == ("coupled-spring", "left")
+    k, r = (found.parameters[f"j1.coupled-spring.{x}"].value for x in ("k", "r"))
+    assert k == pytest.approx(3e4, rel=0.01) and r == pytest.approx(-1.0, abs=1e-3)
     assert np.all(d.ladder[-1].heldout.relative < 3.0)
 
 

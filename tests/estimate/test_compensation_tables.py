@@ -44,7 +44,7 @@ SHAPES = {
 }
 REFUSED = {
     "rigid-body", "armature", "payload", "payload-change", "base-tilt", "tip-impedance",
-    "coupled-transmission", "differential", "contact-stiffness",
+    "coupled-transmission", "coupled-spring", "differential", "contact-stiffness",
     "contact-damping", "contact-hardening", "contact-hysteresis", "contact-inclusion",
     "periodic-disturbance", "force-bias", "force-drift", "force-gain", "force-crosstalk",
     "encoder-eccentricity", "missed-counts", "joint-zero", "joint-ratio", "filter-lag",

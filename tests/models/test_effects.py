@@ -175,10 +175,6 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
         (),
         lambda m, i, j, s: [m.q[i, j] - (min(m.q[:, j]) + max(m.q[:, j])) / 2, 1.0],
     ),
-    "coupled-spring": (
-        (2.0, -0.7),
-        lambda m, i, j, s: [m.q[i, j] - m.span[j].mean() + s[1] * (m.q[i, 1] - m.span[1].mean())],
-    ),
     "unbalance": ((), lambda m, i, j, s: [sin(m.q[i, j]), cos(m.q[i, j])]),
     "position-torque": ((), chebyshev),
     "end-stop": ((0.5, -1.0), stop),
@@ -232,6 +228,21 @@ def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> No
     got = catalogue.get("coupled-friction").columns(motion, 0, (2.0, mode))
     expected = [relative_speed(motion, i, 0, (2.0, mode)) for i in range(motion.n)]
     np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_a_spring_over_two_joints_is_the_slope_of_its_energy() -> None:
+    """tau_i = dU/dq_i with U = d^(p + 1) / (p + 1), d = q_1 + r q_3 about mid-range."""
+    motion, r = motion_of(IndependentAxes(("a", "b", "c"))), -0.7
+    x = catalogue.get("coupled-spring").columns(motion, 0, (3.0, r))
+    q = motion.q - motion.span.mean(axis=1)
+
+    def energy(q: np.ndarray, p: int) -> np.ndarray:
+        return (q[:, 0] + r * q[:, 2]) ** (p + 1) / (p + 1)
+
+    for p, i in ((p, i) for p in (1, 2, 3) for i in range(3)):
+        step = 1e-5 * (np.arange(3) == i)
+        slope = (energy(q + step, p) - energy(q - step, p)) / 2e-5
+        np.testing.assert_allclose(x[:, i, p - 1], slope, atol=1e-8)
 
 
 def test_a_hysteresis_without_a_name_is_none_in_steady_sliding() -> None:
@@ -398,6 +409,7 @@ def test_loops_of_presliding_do_not_depend_on_speed(form: float) -> None:
         ("armature", "already contains it"),
         ("coupled-friction", "one joint"),
         ("coupled-transmission", "no later joint"),
+        ("coupled-spring", "no later joint"),
         ("differential", "no later joint"),
         ("contact-damping", "needs 'contact-stiffness'"),
         ("contact-hardening", "needs 'contact-stiffness'"),

@@ -216,7 +216,7 @@ _MUJOCO_LEVELS = amplitudes.LEVELS["test"]
 _MUJOCO_NOISES = ("white", "coloured", "dac")
 _MUJOCO_MOTIONS = ("wander", "shuttle", "points")
 #: Effects whose pair of joints starts at any joint but the last.
-_PAIRED = ("coupled-transmission",)
+_PAIRED = ("coupled-transmission", "coupled-spring")
 #: Effects on two neighbours, hidden on any joint and named on the earlier one.
 _UNORDERED = ("differential",)
 #: Of the quick plan: robots whose sessions take least.

@@ -1,0 +1,46 @@
+"""A hose, a cable or a muscle over two joints pulls on both: the slope of one energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import plants
+import pytest
+
+import hil
+from hil.record.recording import Recording
+
+#: Stiffness of the hose of the tests at rest [N m/rad].
+K = 1.0
+
+
+def hosed(seed: int, ratio: float, stiffens: float = 0.0, rest: float = 0.2) -> Recording:
+    """Three joints under gravity; the hose lies along the second and the third."""
+    run = plants.serial_arm(3, seed, seconds=30.0)
+    d = run.q[:, 1] + ratio * run.q[:, 2] - rest
+    pull = K * (d + stiffens * d**3)
+    tau = run.tau.copy()
+    tau[:, 1] += pull
+    tau[:, 2] += ratio * pull
+    return replace(run, tau=tau)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "stiffens"), [(-0.8, 1.2), plants.further(0.7, 0.0), plants.further(0.7, 0.6)]
+)
+def test_a_hose_over_two_joints_is_one_name(ratio, stiffens) -> None:
+    """It was a spring of -0.5 N m/rad beside gravity, or another torque constant of a third joint.
+
+    Sought on one joint at a time neither half of it gains anything: gravity follows the other one.
+    """
+    run, other = (hosed(seed, ratio, stiffens) for seed in (1, 2))
+    d = hil.diagnose([run], hil.base_model(run.robot), [other])
+    (found,) = d.findings
+    assert (found.effect, found.joint) == ("coupled-spring", "joint2") and found.confidence > 0.9
+    values = found.parameters
+    assert values["j2.coupled-spring.joint"].value == 3.0
+    assert values["j2.coupled-spring.r"].value == pytest.approx(ratio, abs=0.1)
+    if not stiffens:
+        assert values["j2.coupled-spring.k"].value == pytest.approx(K, rel=0.2)
+    assert np.all(d.ladder[-1].heldout.rms < 1.2 * d.noise)
