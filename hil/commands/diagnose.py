@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -28,9 +28,10 @@ from hil.errors import plural
 from hil.identify.fit import in_units
 from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
-from hil.models import catalogue, formula
+from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Effect, Lines, Trait, Waves
 from hil.models.model import Value, in_words, remark
+from hil.models.motion import FloatArray
 from hil.models.parts import JOINT
 from hil.record.checks import OF_UNITS
 from hil.record.sources import find, passed_over
@@ -309,33 +310,49 @@ def _change(f: Finding, problem: Problem | None) -> str:
     Empty where it depends on more than that, where one coefficient says it, and for waves of which
     the range holds a period.
     """
-    kind = catalogue.get(f.effect)
-    texts, shaped = kind.doc.formulas, len(kind.shape) > 0
-    short = {n.rpartition(".")[2]: v.value for n, v in f.parameters.items()}
-    places = {n for x in texts for n in formula.names(x) & {*formula.STATE}} - {"v"}
-    if problem is None or len(texts) < (2 if shaped else 3) or len(places) != 1:
-        return ""
-    (place,) = places
-    if place not in ("q", "qk") or not {p.name for p in (*kind.params, *kind.shape)} <= set(short):
+    kind, values = catalogue.get(f.effect), {}
+    for name, v in f.parameters.items():
+        values[name.rpartition(".")[2]] = v.value
+    place = _place(kind, values) if problem is not None else ""
+    if problem is None or not place:
         return ""
     own = problem.joints.index(f.joint)
-    k = own if place == "q" else int(short[JOINT]) - 1
+    k = own if place == "q" else int(values[JOINT]) - 1
     low, high = map(float, problem.span[k])
-    if isinstance(kind.search, Waves) and short["p"] * (high - low) >= PERIODS:
+    if isinstance(kind.search, Waves) and values["p"] * (high - low) >= PERIODS:
         return ""
     x = np.linspace(low, high, 201)
-    known: dict[str, Any] = {**short, place: x, "v0": 1e-9, "low": low, "high": high}
-    slow, fast = (
-        sum(short[p.name] * c for p, c in zip(kind.params, columns, strict=True))
-        for columns in (formula.evaluated(texts, known | {"v": v}) for v in (1.0, 2.0))
-    )
-    if not np.array_equal(slow, fast):
+    y = _effort(kind, {**values, place: x, "v0": 1e-9, "low": low, "high": high})
+    if y is None:
         return ""
     at = "" if place == "q" else f"{problem.joints[k]} = "
     unit = in_units("{x}", problem, k)
-    least, most = (f"{at}{x[n]:.3g} {unit}" for n in (np.argmin(slow), np.argmax(slow)))
-    size = f"{np.ptp(slow):.3g} {in_units('{F}', problem, own)}"
+    least, most = (f"{at}{x[n]:.3g} {unit}" for n in (np.argmin(y), np.argmax(y)))
+    size = f"{np.ptp(y):.3g} {in_units('{F}', problem, own)}"
     return f"changes by {size}: least at {least}, most at {most}"
+
+
+def _place(kind: Effect, values: Mapping[str, float]) -> str:
+    """The only position that an effect of several coefficients depends on: ``q`` or ``qk``."""
+    # of effects of a position alone
+    from hil.models import formula
+
+    texts = kind.doc.formulas
+    state = {n for x in texts for n in formula.names(x) & {*formula.STATE}} - {"v"}
+    few = len(texts) < (2 if kind.shape else 3)
+    known = {p.name for p in (*kind.params, *kind.shape)} <= set(values)
+    return "".join(state) if state in ({"q"}, {"qk"}) and known and not few else ""
+
+
+def _effort(kind: Effect, known: dict[str, Any]) -> FloatArray | None:
+    """Effort of an effect in forward motion; None where it depends on the speed."""
+    from hil.models import formula
+
+    slow, fast = (
+        sum(known[p.name] * c for p, c in zip(kind.params, columns, strict=True))
+        for columns in (formula.evaluated(kind.doc.formulas, {**known, "v": v}) for v in (1.0, 2.0))
+    )
+    return np.asarray(slow) if np.array_equal(slow, fast) else None
 
 
 def _names_table(d: Diagnosis) -> str:
