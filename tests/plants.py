@@ -23,8 +23,8 @@ from hil.record.recording import COLUMNS, Recording, RobotSource
 Path3 = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def seeds(first: int, *more: int) -> list:
-    """Seeds of a test: the first in every run of the tests, the others in the slow ones."""
+def seeds(first: object, *more: object) -> list:
+    """Seeds or values of a test: the first in every run of the tests, the others in the slow ones."""
     return [first, *map(further, more)]
 
 

@@ -103,6 +103,7 @@ def test_the_quick_plan_is_calibrated():
 
 
 @needs_mujoco
+@pytest.mark.slow
 def test_a_case_becomes_a_row_that_can_be_read_again(tmp_path):
     (case,) = (c for c in cases.mujoco_plan(quick=True) if c.name.startswith("spring@"))
     found = runner.judge(case)

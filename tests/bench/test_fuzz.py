@@ -59,6 +59,7 @@ def test_lines_that_are_reached_lead_to_a_fault(monkeypatch):
     assert set(b"[{") <= set(found.findings[0].data) and found.kept >= 2
 
 
+@pytest.mark.slow
 def test_a_crash_and_a_lack_of_memory_are_findings(tmp_path):
     found = fuzz.guarded(fuzz.Target("crash", crash, three), 1.5)
     assert "ends the process with signal 6" in {f.what for f in found.findings}
@@ -143,6 +144,7 @@ def test_any_command_line_ends_with_a_code(tmp_path, monkeypatch, words):
     assert code in (0, 2)
 
 
+@pytest.mark.slow
 def test_the_command_reports_every_target(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["bench", "fuzz", "--minutes", "0.01", "--only", "frame", "--report", "r.md"]

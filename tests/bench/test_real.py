@@ -79,6 +79,7 @@ def test_person_on_recordings(name, monkeypatch):
 
 
 @needs_data
+@pytest.mark.slow
 def test_a_case_end_to_end():
     row = next(iter(real.run(real.cases(["a_spring"]))))
     assert isinstance(row.script, ScriptErrors)
@@ -123,6 +124,7 @@ def lacks(case: RealCase) -> RealRow:
     raise DataError("get it from there")
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_a_row_and_missing_data_an_error():
     case = RealCase("axis", "drive", two)
     (row,) = real.run([case], work=dies)

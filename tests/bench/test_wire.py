@@ -5,6 +5,7 @@ import pytest
 from hil.bench import wire
 
 
+@pytest.mark.slow
 def test_every_driver_and_box_has_a_row():
     found = {c.name: c for c in wire.costs(ticks=40)}
     boxes = {

@@ -37,7 +37,9 @@ def residuals(hidden, model, tmp_path):
     return np.sqrt(np.mean(observed**2)), np.sqrt(np.mean(gap**2)), path
 
 
-@pytest.mark.parametrize("effect", ["position-friction", "coupled-friction"])
+@pytest.mark.parametrize(
+    "effect", ["coupled-friction", pytest.param("position-friction", marks=pytest.mark.slow)]
+)
 def test_a_compensated_effect_is_felt_no_more(effect, tmp_path):
     """The simulator's law differs from the library's; what is left is that difference."""
     hidden = [{"effect": effect, "arm": "follower", "joint": "joint2", "amplitude": 2.0}]

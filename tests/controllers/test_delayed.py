@@ -302,6 +302,7 @@ def test_a_fixture_that_cannot_be_is_refused(words, said):
         FixtureConfig(**words)
 
 
+@pytest.mark.slow
 def test_fixtures_guide_a_hand_and_its_follower(tmp_path):
     for row in teleop.fixture_rows(tmp_path, laws=teleop.GUIDED[:1]):
         assert row.state == "ENABLED", row

@@ -79,6 +79,7 @@ def session(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_every_estimator_is_a_channel_at_every_tick_and_replays(session):
     box = read(session)
     for name in KINDS:

@@ -541,6 +541,7 @@ def test_forces_from_the_motion_are_the_force_sensor_free_form_of_linear_arms():
     np.testing.assert_allclose(answers[0], answers[1], atol=1e-10)
 
 
+@pytest.mark.slow
 def test_forces_from_the_motion_run_on_the_rig_and_are_the_sensors(tmp_path):
     machine = {"kind": "mechanical", "frequency": 0.5, "size": [0.02, 0.02, 0.012]}
     gel = {"below_home": -0.02, "stiffness": 500.0}

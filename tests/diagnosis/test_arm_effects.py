@@ -17,6 +17,7 @@ def _answer(**hidden):
     return diagnose(runs[:1], base_model(runs[0].robot), runs[1:])
 
 
+@pytest.mark.slow
 def test_a_soft_belt_is_named_on_its_joint_and_felt_by_the_others():
     found = _answer(belt=300.0)
     assert [(f.effect, f.joint) for f in found.findings] == [("elastic-transmission", "upper")]
@@ -86,6 +87,7 @@ def test_a_cart_that_leans_explains_all_where_masses_are_known_in_combination_al
     assert all(found.explained.heldout.rms < 1.1 * found.noise)
 
 
+@pytest.mark.slow
 def test_an_arm_that_stands_upright_lacks_neither():
     found = _answer()
     assert found.verdict == "adequate" and not found.findings
@@ -99,6 +101,7 @@ def test_the_angle_of_a_base_is_said_in_degrees():
 
 
 @pytest.mark.parametrize("d", [3, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_hand_at_the_tip_is_named_with_its_stiffness_and_damping(d):
     runs = [plants.serial_arm(d, seed, hand=True) for seed in (1, 2)]
     found = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])

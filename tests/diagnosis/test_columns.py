@@ -52,6 +52,7 @@ def test_positions_in_another_order_than_their_efforts_are_told_both_ways(order)
 
 
 @pytest.mark.parametrize("order", [[1, 0, 2, 3], plants.further([1, 2, 0, 3])])
+@pytest.mark.slow
 def test_a_description_tells_that_the_positions_are_in_another_order(order):
     run = plants.serial_arm(4, 1)
     for wrong, stem in (
@@ -65,6 +66,7 @@ def test_a_description_tells_that_the_positions_are_in_another_order(order):
         assert ("tau1" in text) == (stem == "tau")
 
 
+@pytest.mark.slow
 def test_a_comparison_says_which_column_is_mistaken():
     run = plants.axes_apart()
     swapped = replace(run, tau=np.ascontiguousarray(run.tau[:, ::-1]))

@@ -43,6 +43,7 @@ def run():
     return swung()
 
 
+@pytest.mark.slow
 def test_a_spring_is_named_and_no_wrong_ratio_of_the_position(run):
     answer = hil.diagnose(run, hil.base_model(run.robot))
     (found,) = answer.findings

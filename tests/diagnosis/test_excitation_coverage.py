@@ -39,6 +39,7 @@ def test_few_reversals_hide_what_happens_behind_them():
     assert "backlash" not in shown(answer(FAST))
 
 
+@pytest.mark.slow
 def test_an_external_force_that_changes_shows_load_and_gain():
     without = answer(FAST)
     assert {"load-friction", "torque-gain", "friction-drift"} <= shown(without)

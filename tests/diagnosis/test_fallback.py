@@ -20,6 +20,7 @@ def unnamed():
     return run, hil.diagnose([run], hil.base_model(run.robot))
 
 
+@pytest.mark.slow
 def test_shares_say_which_variables_carry_the_structure(unnamed):
     _, d = unnamed
     assert d.verdict == "unexplained"
@@ -84,6 +85,7 @@ def test_one_line_a_joint_tells_the_shares():
     ]
 
 
+@pytest.mark.slow
 def test_a_torque_over_two_positions_is_found_in_the_floor():
     run = plants.arm(1)
     tau = run.tau.copy()

@@ -24,6 +24,7 @@ def share(d):
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
+@pytest.mark.slow
 def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     d = diagnosed(plants.quick_axis(seed, noise=0.01))
     assert d.verdict == "adequate" and not d.findings
@@ -57,6 +58,7 @@ def test_smooth_friction_leaves_nothing_to_blur():
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 6))
+@pytest.mark.slow
 def test_a_law_that_a_blunt_sign_stands_for_is_no_filter(seed):
     """No filter blunts a sign over several rad/s, and no Stribeck begins at the width of such one.
 

@@ -80,6 +80,7 @@ def test_a_motor_that_its_own_effort_warms() -> None:
     assert after < before / 10
 
 
+@pytest.mark.slow
 def test_a_gain_follows_the_measured_temperature() -> None:
     runs = [pendulum(seed, weakening) for seed in (1, 2)]
     warm = [replace(r, temperature=25.0 + 60.0 * warmth(r.t)[:, None]) for r in runs]
@@ -90,6 +91,7 @@ def test_a_gain_follows_the_measured_temperature() -> None:
     assert found.parameters["j1.gain-drift.g"].value == pytest.approx(0.002, rel=0.05)
 
 
+@pytest.mark.slow
 def test_an_offset_that_drifts_under_gravity_is_no_gain() -> None:
     d = diagnosed(lambda t, v, tau: tau + 0.4 * warmth(t))
     assert {f.effect for f in d.findings} == {"offset-drift"}

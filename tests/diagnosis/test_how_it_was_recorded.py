@@ -141,6 +141,7 @@ def _weightless(seed, text=""):
     return replace(run, tau=run.tau - weight, robot=replace(run.robot, urdf=urdf))
 
 
+@pytest.mark.slow
 def test_efforts_without_gravity_are_recognised_and_described():
     runs = [_weightless(seed) for seed in (1, 2)]
     c = hil.compare(runs[:1], hil.base_model(runs[0].robot), runs[1:], simulate=False)

@@ -30,7 +30,7 @@ def test_efforts_whose_noise_hides_it_count_as_averages():
     assert prepared(plants.repeated(1, noise=30.0)).motions[0].average > 0.0
 
 
-@pytest.mark.parametrize("averaged", [False, True])
+@pytest.mark.parametrize("averaged", plants.seeds(False, True))
 @pytest.mark.parametrize("seed", plants.seeds(3, 1, 2))
 def test_a_clean_arm_on_a_motion_that_comes_again_has_no_name(seed, averaged):
     d = diagnosed(seed, averaged=averaged)

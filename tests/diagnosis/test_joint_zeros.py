@@ -41,6 +41,7 @@ def test_a_zero_that_is_off_is_named_with_its_size_where_the_joints_behind_feel_
 
 
 @pytest.mark.parametrize("j", [plants.further(0), 2])
+@pytest.mark.slow
 def test_the_masses_of_the_first_and_the_last_joint_turn_along_with_its_zero(j):
     found = answer(j, shift=0.06)
     assert found.verdict == "adequate" and not found.findings
@@ -83,6 +84,7 @@ def test_another_sense_of_a_joint_is_bad_data_and_said(d, j, how, words):
     assert code == "posture" and words in text
 
 
+@pytest.mark.slow
 def test_two_joints_in_another_sense_are_both_said():
     run = read(read(plants.serial_arm(5, 1), 1, sign=-1.0), 3, shift=1.0)
     found = hil.diagnose([run], base_model(run.robot))
@@ -95,6 +97,7 @@ def test_two_joints_in_another_sense_are_both_said():
 @pytest.mark.parametrize(
     ("d", "j", "k"), [(4, 3, 1.0), plants.further(5, 3, 4.0), plants.further(5, 4, 1.0)]
 )
+@pytest.mark.slow
 def test_a_spring_is_no_other_zero_of_another_joint(d, j, k):
     """Of a hose on the last joint a map was to move the zero of the joint before by 40 degrees."""
     run = plants.serial_arm(d, 1)
@@ -125,6 +128,7 @@ def test_friction_that_the_model_lacks_is_no_other_posture():
 @pytest.mark.parametrize(
     ("axis", "numbers"), [((0.0, 9.81, 0.0), "0 9.81 0"), plants.further((0, 0, 0), "0 0 0")]
 )
+@pytest.mark.slow
 def test_gravity_that_acts_otherwise_is_bad_data_with_the_line_for_the_description(axis, numbers):
     run = plants.serial_arm(5, 1)
     true = pin.buildModelFromXML(run.robot.urdf)
@@ -180,6 +184,7 @@ def leaning_head(seed: int, angle: float) -> Recording:
 
 
 @pytest.mark.parametrize("seed", [plants.further(1), 2])
+@pytest.mark.slow
 def test_a_base_that_leans_a_little_is_an_effect_and_no_fault_of_the_recording(seed):
     """Even where that is most of a joint's error, and other columns imitate a part of it."""
     run, held = leaning_head(seed, 4.0), leaning_head(seed + 10, 4.0)

@@ -52,6 +52,7 @@ def test_rubber_is_a_spring_and_what_relaxes_beside_it():
     assert d.ladder[-1].heldout.rms[0] < 1.1 * d.noise[0]
 
 
+@pytest.mark.slow
 def test_a_weight_before_a_stop_is_no_polynomial():
     """A function of the position stood for both, and beside it the stop lay elsewhere."""
 

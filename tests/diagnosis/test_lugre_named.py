@@ -15,6 +15,7 @@ from hil.models.model import base_model
         plants.further(plants.curve, {"stribeck"}, None),
     ],
 )
+@pytest.mark.slow
 def test_each_is_named_as_what_it_is(law, names, form):
     runs = [plants.screw(law, seed) for seed in (1, 2)]
     out = diagnose(runs[:1], base_model(runs[0].robot), runs[1:])

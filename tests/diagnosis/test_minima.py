@@ -112,6 +112,7 @@ def test_friction_that_is_bent_over_the_speed_is_no_lateness():
     assert {f.effect for f in d.findings} <= {"quadratic-drag", "stribeck"}
 
 
+@pytest.mark.slow
 def test_the_load_of_an_axis_leaves_out_its_motor():
     """0.012 of 0.02 kg m^2 lie behind the gear: with all of it in the load mu is 0.125 for 0.18."""
 
@@ -125,6 +126,7 @@ def test_the_load_of_an_axis_leaves_out_its_motor():
     assert values["j1.load-friction.i"].value == pytest.approx(0.008, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_straight_spring_has_no_bent_rival_beside_a_small_effect():
     """What a wider law finds to go on with does not make it a rival, where it foretells no more."""
 
@@ -267,6 +269,7 @@ def test_a_drag_beside_bristles_is_no_part_of_lugre_s_law():
 
 
 @pytest.mark.parametrize("seconds", [plants.further(8.0), 20.0])
+@pytest.mark.slow
 def test_an_offset_that_drifts_is_named(seconds):
     """As of an amplifier that warms up; beside it a weight keeps its name."""
     run = axis(gravity, 11, seconds=40.0)

@@ -27,6 +27,7 @@ def test_only_another_kind_than_the_session_names_is_told(
     assert all(code == OTHER_ROBOT and "session run" in text for code, text in found)
 
 
+@pytest.mark.slow
 def test_every_answer_tells_it() -> None:
     given, own = plants.three_joints(PHANTOM), base_model(AXES)
     wanted = other_robot(own, [given])

@@ -7,6 +7,7 @@ from hil.diagnosis.engine import diagnose
 from hil.models.model import base_model
 
 
+@pytest.mark.slow
 def test_a_third_harmonic_is_no_second_name() -> None:
     train = plants.cogging_axis(0, 0.008)
     found = diagnose([train], base_model(train.robot), [plants.cogging_axis(1, 0.008)])

@@ -93,6 +93,7 @@ def test_held_out_runs_with_and_without_the_body(
 
 
 @pytest.mark.parametrize("kind", [plants.further("offsets"), "body"])
+@pytest.mark.slow
 def test_offsets_of_a_run_are_told_from_a_body_in_a_small_motion(kind: str) -> None:
     """Offsets as large as the mean effort of a body: two values, and fewer than a body has."""
     still = {"axes": PITCH, "seconds": 10.0, "reach": 0.03, "posture": 0.8}

@@ -104,6 +104,7 @@ def test_one_of_two_runs_picks_nothing_up(first):
 
 
 @pytest.mark.parametrize("change", [plants.further("gain"), "offset"])
+@pytest.mark.slow
 def test_what_one_joint_changes_in_every_run_at_a_time_of_its_own_is_no_load(change):
     """It has no name; the answer says where to look."""
     runs = [plants.pickup(k, change, f"run{k}", at=at) for k, at in enumerate((6.0, 13.0))]

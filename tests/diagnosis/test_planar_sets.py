@@ -3,12 +3,14 @@
 import warnings
 
 import plants
+import pytest
 
 import hil
 from hil.cli import main
 from hil.diagnosis.equivalence import sets_of
 
 
+@pytest.mark.slow
 def test_what_the_joints_never_feel_is_named_without_a_number_that_is_none():
     run = plants.planar(1, seconds=12.0)
     with warnings.catch_warnings():
@@ -23,6 +25,7 @@ def test_what_the_joints_never_feel_is_named_without_a_number_that_is_none():
     assert "fy" in tip.why.split("its joints never feel")[1]
 
 
+@pytest.mark.slow
 def test_no_motion_is_sold_for_two_that_the_model_does_both(tmp_path, capsys):
     arm = tmp_path / "arm.urdf"
     arm.write_text(plants.PLANAR)

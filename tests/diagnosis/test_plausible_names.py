@@ -19,7 +19,11 @@ def named(d):
 
 @pytest.mark.parametrize(
     "size",
-    [lambda q: 0.25 * q, lambda q: 0.2 * np.cos(1.5 * q + 0.4), lambda q: 0.2 * np.exp(-(q**2))],
+    [
+        lambda q: 0.25 * q,
+        plants.further(lambda q: 0.2 * np.cos(1.5 * q + 0.4)),
+        plants.further(lambda q: 0.2 * np.exp(-(q**2))),
+    ],
 )
 def test_friction_that_varies_smoothly_over_the_range_is_named(size):
     d = diagnosed(lambda t, q, v: size(q) * np.tanh(v / 0.003))
@@ -31,9 +35,9 @@ def test_friction_that_varies_smoothly_over_the_range_is_named(size):
     ("rubs", "size", "w"),
     [
         (lambda d, v: 0.35 * np.exp(-((d / 0.06) ** 2)) * np.tanh(v / 0.003), 0.35, 0.06),
-        (lambda d, v: 0.4 * np.exp(-((d / 0.08) ** 2)) * v, 0.4, 0.08),
+        plants.further(lambda d, v: 0.4 * np.exp(-((d / 0.08) ** 2)) * v, 0.4, 0.08),
         # a worn spot with cosine flanks: half of its depth is left at half of its half-width
-        (
+        plants.further(
             lambda d, v: -0.2 * np.cos(np.pi * np.clip(d / 0.4, -0.5, 0.5)) ** 2 * np.sign(v),
             -0.2,
             0.12,
@@ -51,6 +55,7 @@ def test_friction_that_is_another_one_at_one_place_is_named_with_the_place(rubs,
     assert d.ladder[-1].heldout.rms < 1.1 * d.noise
 
 
+@pytest.mark.slow
 def test_an_effort_at_one_place_that_no_speed_turns_is_no_local_friction():
     d = diagnosed(lambda t, q, v: 0.3 * np.exp(-(((q - 0.3) / 0.08) ** 2)))
     assert "local-friction" not in named(d)
@@ -62,6 +67,7 @@ def test_viscous_friction_that_varies_over_the_range_has_no_name():
     assert d.verdict == "unexplained" and not d.findings
 
 
+@pytest.mark.slow
 def test_names_that_together_stand_for_one_function_are_none():
     """A ripple at 1.00 and a tight spot left 2.8 %: the function itself leaves nothing."""
     run = plants.axis(1, 30.0, 0.01, extra=lambda t, q, v: (2.0 + 1.5 * q) * v)
@@ -74,12 +80,13 @@ def test_names_that_together_stand_for_one_function_are_none():
     assert d.ladder[-1].heldout.relative[0] < 0.01 * d.ladder[0].heldout.relative[0]
 
 
+@pytest.mark.slow
 def test_a_stop_is_still_one():
     d = diagnosed(lambda t, q, v: 6.0 * max(q - 0.7, 0.0) ** 1.5)
     assert named(d) == {"end-stop"}
 
 
-@pytest.mark.parametrize("order", [9.0, 18.0])
+@pytest.mark.parametrize("order", plants.seeds(9.0, 18.0))
 def test_waves_over_position_have_their_own_order_not_half_of_it(order):
     d = diagnosed(lambda t, q, v: 0.15 * np.sin(order * q + 0.7), holdout=False)
     assert named(d) == {"cogging"}
@@ -100,6 +107,7 @@ def test_friction_that_rebuilds_at_rest_is_no_drift():
     assert "friction-drift" not in named(d)
 
 
+@pytest.mark.slow
 def test_the_share_is_that_on_the_held_out_recording():
     d = diagnosed(lambda t, q, v: 0.15 * np.sin(18 * q))
     first, last, floor = d.ladder[0].heldout, d.ladder[-1].heldout, d.noise[0]

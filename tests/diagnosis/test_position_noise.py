@@ -67,12 +67,14 @@ def test_the_band_is_narrower_behind_much_noise():
     assert bands.shaken(plants.rough_encoder_axis(3e-4), coarse) < bands.NOISY
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_behind_it():
     stribeck = lambda q, v: 4.0 * np.exp(-((v / 0.05) ** 2)) * np.tanh(v / 0.004)  # noqa: E731
     d = diagnosed(3e-5, law=stribeck)
     assert [f.effect for f in d.findings] == ["stribeck"]
 
 
+@pytest.mark.slow
 def test_a_bump_that_the_floor_hides_is_unexplained_with_its_variable():
     d = diagnosed(1e-6, law=lambda q, v: 3.0 * np.exp(-(((q - 0.1) / 0.01) ** 2)))
     # without the rule on coefficients it is cogging, and nobody asks what the rest is

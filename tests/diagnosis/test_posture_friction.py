@@ -52,6 +52,7 @@ def bent(q: Array, v: Array, a: Array) -> Array:
     return 0.2 * np.expm1(0.5 * np.abs(q[:, 0] - 0.2)) * dry(v[:, 1])
 
 
+@pytest.mark.slow
 def test_cables_that_run_past_a_bent_joint() -> None:
     d = diagnosed(bent)
     (found,) = d.findings
@@ -128,11 +129,13 @@ def test_an_effort_that_follows_the_other_joint_is_no_friction() -> None:
     assert "posture-friction" not in {f.effect for f in d.findings}
 
 
+@pytest.mark.slow
 def test_grease_that_is_thicker_in_one_place_is_no_dry_friction() -> None:
     d = diagnosed(lambda q, v, a: 0.08 * np.abs(q[:, 0]) * v[:, 1])
     assert all(f.confidence < 0.5 for f in d.findings if f.effect == "posture-friction")
 
 
+@pytest.mark.slow
 def test_friction_over_its_own_position_is_not_the_other_joints() -> None:
     d = diagnosed(lambda q, v, a: 0.1 * q[:, 1] ** 2 * dry(v[:, 1]))
     assert {f.effect for f in d.findings} == {"position-friction"}

@@ -120,6 +120,7 @@ def hand(t):
     return 0.5 * np.exp(-(((t - 6.0) / 0.4) ** 2)) - 0.4 * np.exp(-(((t - 14.0) / 0.3) ** 2))
 
 
+@pytest.mark.slow
 def test_pushes_of_a_moment_are_told_with_their_times_and_left_out():
     """A hand pushes an axis twice: the fit, the errors and the floor are those without it."""
     run = replace(plants.axis(1, push=hand), tau_ext=None)  # nobody measures it

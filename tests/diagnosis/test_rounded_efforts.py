@@ -24,6 +24,7 @@ def diagnosed(*runs):
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 3))
+@pytest.mark.slow
 def test_steps_of_the_motors_effort_are_found_said_and_taken_into_account(seed, tmp_path):
     runs = [plants.stepped_axis(k, STEP) for k in (seed, seed + 10)]
     d = diagnosed(runs[0])
@@ -44,6 +45,7 @@ def test_efforts_that_are_recorded_as_they_are_sent_need_no_word():
     assert d.verdict == "adequate" and not told(d)
 
 
+@pytest.mark.slow
 def test_a_law_beside_the_steps_has_its_name_and_nothing_stands_for_the_steps():
     d = diagnosed(plants.stepped_axis(1, STEP, spring=1.5))
     assert [f.effect for f in d.findings] == ["spring"] and told(d)
@@ -60,6 +62,7 @@ def test_a_residual_of_another_make_is_no_rounding():
     assert artefacts.converter(hil.fit([run], hil.base_model(run.robot)), np.array([True])) == ()
 
 
+@pytest.mark.slow
 def test_steps_that_are_stated_are_not_sought(tmp_path):
     run = plants.stepped_axis(1, STEP)
     base = hil.base_model(run.robot)

@@ -119,6 +119,7 @@ def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
     assert named(d) == ["presliding"]
 
 
+@pytest.mark.slow
 def test_friction_with_load_is_a_level_of_the_state_that_presliding_has():
     """Loops whose size follows an external load: a hysteresis and a level, not two frictions."""
 

@@ -63,9 +63,9 @@ def tired_magnets(q, v, a):
 @pytest.mark.parametrize(
     ("effort", "second", "key", "value"),
     [
-        (spring_with_a_seal, "load-friction", "mu", 0.06),
+        plants.further(spring_with_a_seal, "load-friction", "mu", 0.06),
         (ripple_of_a_gear, "torque-ripple", "p", 60 / (2 * np.pi)),
-        (oil_of_a_gear, "load-viscous", "b", 0.06),
+        plants.further(oil_of_a_gear, "load-viscous", "b", 0.06),
         pytest.param(
             *(tired_magnets, "torque-saturation", "L", 22.0),
             marks=pytest.mark.slow,
@@ -84,7 +84,7 @@ def test_the_second_effect_has_its_name_beside_one_that_is_twenty_times_as_large
     assert d.ladder[-1].heldout.relative[0] < first.heldout.relative[0] / 3
 
 
-@pytest.mark.parametrize("rest", [-0.5, 0.02])
+@pytest.mark.parametrize("rest", plants.seeds(-0.5, 0.02))
 def test_friction_that_follows_a_spring_is_of_the_load_and_not_of_the_position(rest):
     """A tool against a spring: what rubs is what presses, so that it vanishes where that does."""
 
@@ -99,6 +99,7 @@ def test_friction_that_follows_a_spring_is_of_the_load_and_not_of_the_position(r
     assert mu == pytest.approx(0.25, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_direct_drive_that_loses_a_third_at_its_peak_saturates():
     def deep(q, v, a):
         felt = 0.5 * a + 0.2 * sign(v) + 0.1 * v

@@ -35,6 +35,7 @@ def test_the_search_goes_on_from_an_effect_that_takes_nearly_as_much():
     assert d.ladder[-1].heldout.relative[0] < 1.0
 
 
+@pytest.mark.slow
 def test_held_out_runs_beyond_the_fitted_range_refute_a_law_that_only_follows_the_effect():
     runs = [_pendulum(3, 0.6, 0.0, 0.0), _pendulum(4, 1.2, 0.0, 0.0)]
     assert np.ptp(runs[1].q) > 1.9 * np.ptp(runs[0].q)
@@ -47,6 +48,7 @@ def test_held_out_runs_beyond_the_fitted_range_refute_a_law_that_only_follows_th
     assert beyond.findings[0].confidence >= alone.findings[0].confidence
 
 
+@pytest.mark.slow
 def test_a_start_that_its_own_search_leaves_again_is_no_rival(monkeypatch):
     """Backward steps may take out the effect that a search started from."""
     from hil.diagnosis import search

@@ -84,6 +84,7 @@ SENSORS = {
 @pytest.mark.parametrize(
     "effect", ["force-gain", *map(plants.further, sorted(SENSORS.keys() - {"force-gain"}))]
 )
+@pytest.mark.slow
 def test_error_of_the_force_sensor_is_named_with_its_channel(effect):
     sensor, name, value = SENSORS[effect]
     d, found = named(plants.arm(1, force=plants.hand, sensor=sensor))
@@ -152,6 +153,7 @@ def test_a_joints_own_disc_errs_once_a_turn_and_its_inertia_does_not_vary():
     assert np.hypot(values["es"], values["ec"]) == pytest.approx(0.006, rel=0.1)
 
 
+@pytest.mark.slow
 def test_eccentric_encoder_of_an_arm():
     def disc(t, q):
         return 5e-3 * np.sin(11 * q[:, [1]] + 0.5) * np.array([0.0, 1.0, 0.0])
@@ -232,6 +234,7 @@ def test_layer_below_the_surface_is_an_inclusion(stiffer):
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_hidden(seed):
     for run in (
         plants.axis(seed),

@@ -27,7 +27,7 @@ def fitted(seed: int, rho: float, size: float) -> FitResult:
     return fit(Problem([run], model.robot), model)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.98])
+@pytest.mark.parametrize("rho", [0.0, pytest.param(0.98, marks=pytest.mark.slow)])
 def test_chance_is_uniform_where_nothing_is_there(rho: float) -> None:
     p = np.array([chance(fitted(s, rho, 0.0), ("cogging", 1)) for s in range(60)])
     for level in (0.1, 0.3, 0.5):

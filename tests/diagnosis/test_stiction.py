@@ -28,7 +28,7 @@ def test_sticking_alone_is_no_missing_effect_and_parameters_are_exact(seed: int)
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [({"drag": 0.15}, "quadratic-drag"), ({"peak": 0.3}, "stribeck")],
+    [({"drag": 0.15}, "quadratic-drag"), plants.further({"peak": 0.3}, "stribeck")],
 )
 def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) -> None:
     run = plants.stiction_axis(4, **change)  # type: ignore[arg-type]
@@ -37,6 +37,7 @@ def test_effects_beside_stiction_are_named(change: dict[str, float], name: str) 
     assert out.verdict == "missing-effect"
 
 
+@pytest.mark.slow
 def test_a_delay_beside_stiction_is_a_delay_or_a_lag() -> None:
     run = plants.stiction_axis(4, late=3)
     out = diagnose([run], base_model(run.robot))

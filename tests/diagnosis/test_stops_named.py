@@ -30,6 +30,7 @@ def _rubber(q: np.ndarray) -> np.ndarray:
         pytest.param(_rubber, (-0.7, 0.9), id="rubber"),
     ],
 )
+@pytest.mark.slow
 def test_stops_at_both_ends_are_one_effect(law: Law, ends: tuple[float, float]) -> None:
     train, other = (plants.smooth_axis(k, extra=lambda t, q, v, a: law(q)) for k in (3, 4))
     d = hil.diagnose([train], hil.base_model(train.robot), [other])

@@ -77,6 +77,7 @@ def test_a_motor_constant_that_swings_once_over_the_range():
     assert d.ladder[1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
 
 
+@pytest.mark.slow
 def test_a_motor_that_weakens_at_speed():
     """Its voltage has a limit: some of it is spent on the back EMF."""
     d = diagnosed(lambda q, v, a: (carried(q, v, a) + np.cos(q)) / (1 - 0.05 * np.abs(v)))
@@ -87,12 +88,14 @@ def test_a_motor_that_weakens_at_speed():
     assert found.parameters["j1.varying-gain.g"].value == pytest.approx(0.05, rel=0.05)
 
 
+@pytest.mark.slow
 def test_friction_and_drag_are_no_gain_that_varies():
     for extra in (lambda v: 0.1 * v * np.abs(v), lambda v: 0.1 * np.abs(v)):
         d = diagnosed(lambda q, v, a, extra=extra: carried(q, v, a) + extra(v))
         assert names(d) <= {"quadratic-drag", "asymmetric-viscous"} and d.findings
 
 
+@pytest.mark.slow
 def test_a_smooth_change_over_the_position_is_no_cogging():
     """Of its period the range holds one and a third."""
     d = diagnosed(lambda q, v, a: carried(q, v, a) + 0.4 * np.sin(2 * np.pi * 0.8 * q + 1.0))

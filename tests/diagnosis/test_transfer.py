@@ -62,6 +62,7 @@ def test_a_foam_pressed_deeper_is_not_foretold_worse(seed):
 
 @pytest.mark.parametrize("seed", plants.seeds(21, 22))
 @pytest.mark.parametrize("seconds", [6.0, pytest.param(12.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_slow_disturbance_gives_no_correction(seconds, seed):
     run, other = disturbed_arm(seed, seconds, 2.0), disturbed_arm(seed + 50, 15.0, 2.0)
     d = hil.diagnose([run], hil.base_model(run.robot))

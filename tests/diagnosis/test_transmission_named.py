@@ -52,7 +52,7 @@ def frequency_of(found, more: float = 0.0) -> float:
 
 @pytest.mark.parametrize(
     ("hidden", "resonance"),
-    [({"frequency": 12.0}, 12.0), ({"mode": 0.03, "mode_hz": 15.0}, 15.0)],
+    [plants.further({"frequency": 12.0}, 12.0), ({"mode": 0.03, "mode_hz": 15.0}, 15.0)],
 )
 def test_a_resonance_is_found_and_its_two_causes_are_both_said(
     hidden: dict[str, float], resonance: float
@@ -119,7 +119,7 @@ def sloshing_axis(seed: int, frequency: float, zeta: float, mass: float = 0.05) 
     )
 
 
-@pytest.mark.parametrize(("frequency", "zeta"), [(0.4, 0.05), (0.9, 0.01)])
+@pytest.mark.parametrize(("frequency", "zeta"), [plants.further(0.4, 0.05), (0.9, 0.01)])
 def test_a_mass_that_swings_slower_than_the_motion_is_found(frequency: float, zeta: float) -> None:
     """A dozen of its swings fit into the run."""
     run = sloshing_axis(2, frequency, zeta)
@@ -270,6 +270,7 @@ def test_a_link_flies_through_its_play_and_hands_its_momentum_over(friction: flo
 
 
 @pytest.mark.parametrize("width", [0.01, plants.further(0.015)])
+@pytest.mark.slow
 def test_backlash_is_named(width: float) -> None:
     run = plants.transmission(3, gravity=0.6, frequency=40.0, zeta=0.3, width=width)
     d = diagnose([run], base_model(run.robot) + "position-torque")

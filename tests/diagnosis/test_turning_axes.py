@@ -43,6 +43,7 @@ def diagnosed(effort):
     return hil.diagnose([run], hil.base_model(run.robot), [hold])
 
 
+@pytest.mark.slow
 def test_a_crank_has_its_name_and_its_inertia():
     d = diagnosed(crank)
     assert [f.effect for f in d.findings] == ["variable-inertia"]

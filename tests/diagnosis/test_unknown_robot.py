@@ -53,6 +53,7 @@ def test_friction_beside_an_unknown_geometry_is_named() -> None:
     assert d.findings[0].parameters["j2.stribeck.fs"].value == pytest.approx(0.8, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_closed_chain_is_learnt_as_an_extension_of_a_serial_one() -> None:
     """Inertias that vary with both angles stand beside those of a chain, and leave little."""
     run, other = plants.linkage(0), plants.linkage(1)
@@ -170,6 +171,7 @@ def test_a_name_beside_an_unknown_geometry_stands_alone(
     assert {c.effect.split("-")[0] for c in d.corrections} >= {"generic"}
 
 
+@pytest.mark.slow
 def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
     """The terminal and the report begin with it; the command writes the whole model."""
     d = diagnosed(0.8)

@@ -35,6 +35,7 @@ def test_range_is_kept_in_the_file_and_holds_for_the_same_motion(tmp_path):
     assert not codes(comparison_json(hil.compare([run], model))["warnings"])
 
 
+@pytest.mark.slow
 def test_wider_and_faster_motion_is_flagged_with_joint_and_size(tmp_path):
     wide = plants.axis(1)
     small = wide.slice(0, 3000)  # six of twenty seconds

@@ -66,6 +66,7 @@ def test_a_comparison_says_what_changed_at_once():
     )
 
 
+@pytest.mark.slow
 def test_an_improved_model_says_which_of_its_names_are_not_settled(late, tmp_path, capsys):
     d, shown = late
     open_names = [f.joint for f in d.findings if f.rivals]
@@ -109,6 +110,7 @@ def half_named():
     return diagnose([run], base_model(run.robot))
 
 
+@pytest.mark.slow
 def test_what_has_no_name_is_said_first_with_its_joint_its_size_and_its_variable(half_named):
     d = half_named
     assert {f.joint for f in d.findings} == {"joint1"}

@@ -138,7 +138,14 @@ def planned(tmp_path, limits, *words):
     return code, sorted(x.name for x in tmp_path.iterdir() if x.name != "arm.urdf")
 
 
-@pytest.mark.parametrize("words", [(), ("--for", "stribeck,presliding"), ("--for", "stribeck")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param((), marks=pytest.mark.slow),
+        ("--for", "stribeck,presliding"),
+        ("--for", "stribeck"),
+    ],
+)
 def test_a_motion_that_no_size_brings_below_the_torque_limit_is_refused(tmp_path, capsys, words):
     weak = 'lower="-0.5" upper="2" velocity="1.5" effort="0.5"'
     assert planned(tmp_path, weak, *words) == (2, [])
@@ -157,6 +164,7 @@ def test_a_posture_in_which_gravity_takes_less_helps_as_it_says(tmp_path, capsys
     assert torque["used"] <= 0.8 * torque["limit"]
 
 
+@pytest.mark.slow
 def test_the_condition_number_is_also_said_with_the_torque_offset(tmp_path, capsys):
     strong = 'lower="-0.5" upper="2" velocity="1.5" effort="3"'
     assert planned(tmp_path, strong, "--json")[0] == 0

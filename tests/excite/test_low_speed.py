@@ -42,6 +42,7 @@ def played(folder, vs: float, fs: float) -> Recording:
 @pytest.mark.parametrize(
     ("vs", "fs"), [(0.05, 0.03), pytest.param(0.2, 0.03, marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_stribeck_is_named_after_the_motion_proposed_and_not_after_a_fast_one(
     vs, fs, tmp_path, capsys
 ):

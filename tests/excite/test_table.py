@@ -100,6 +100,7 @@ def test_what_cannot_be_played_by_hil_run_is_said(session, capsys):
     assert "'hil run' plays on the arms of a rig file only" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_motion_of_another_length_than_asked_says_so(session, capsys):
     assert main(["excite", str(session), "-o", "m.toml", "--seconds", "30"]) == 0
     assert "one round takes 10 s: 3 whole rounds in the 30 s asked for" in capsys.readouterr().out

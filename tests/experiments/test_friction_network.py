@@ -1,8 +1,11 @@
 """The friction experiment says what theory and thesis say."""
 
+import pytest
+
 from hil.experiments import friction_network
 
 
+@pytest.mark.slow
 def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
     monkeypatch.setattr(friction_network, "motion", _short)
     rows = {r.model: r for r in friction_network.study(1)}

@@ -37,6 +37,7 @@ def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
     assert rows["measure"].mean < 0.6 * rows["four"].mean
 
 
+@pytest.mark.slow
 def test_strokes_across_a_bolt_in_the_gel_are_felt(tmp_path):
     given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)
     law = given | law_parameters.table(without_force_sensors.designs(axes))

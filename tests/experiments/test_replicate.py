@@ -40,6 +40,7 @@ def test_processes_and_this_one_give_the_same_digits_in_the_order_of_the_seeds()
     assert here == there == {s: digits("x", s) for s in SEEDS}
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_digits_and_its_lost_workers_are_survived(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(

@@ -25,6 +25,7 @@ def test_the_shared_force_gives_the_condition_of_q(kappa):
     )
 
 
+@pytest.mark.slow
 def test_without_friction_and_steps_runs_end_where_eigenvalues_do(monkeypatch):
     monkeypatch.setattr(singularity, "_COULOMB", 0.0)
     monkeypatch.setattr(singularity, "_RISE", 0.0)
@@ -44,6 +45,7 @@ def test_a_late_channel_and_a_wide_filter_cost_what_eigenvalues_say():
     assert np.isnan(singularity.linear(replace(BASE, accelerometer="tip")))
 
 
+@pytest.mark.slow
 def test_friction_that_no_model_holds_is_in_the_estimate():
     wares = [BASE, replace(BASE, friction=0.0), replace(BASE, step=120e-6)]
     stable, accurate = singularity.verdicts(wares, 2, KAPPAS[:1])

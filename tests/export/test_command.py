@@ -51,6 +51,7 @@ def test_json(folder, capsys):
     assert told["files"] == [str(folder / "a.py")] and "cost of a call" in told["notes"][-1]
 
 
+@pytest.mark.slow
 def test_a_card_says_what_is_known_and_what_is_not(folder, made):
     card, file = folder / "card.md", folder / "arm.toml"
     assert main(["export", str(file), "--to", "card", "-o", str(card)]) == 0

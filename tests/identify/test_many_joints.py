@@ -29,6 +29,7 @@ def test_seven_joints_with_smooth_friction_lack_nothing() -> None:
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
+@pytest.mark.slow
 def test_a_run_that_lingers_shows_how_blunt_a_sign_is_that_fast_runs_hardly_see(seed: int) -> None:
     fast = plants.smooth_friction_axes(1, seed, noise=0.05, speed=1.0)
     slow = plants.smooth_friction_axes(1, seed + 10, lingering=True, noise=0.05)

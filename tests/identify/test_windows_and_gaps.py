@@ -54,6 +54,7 @@ def test_the_multi_step_error_is_that_of_what_was_recorded(whole: Recording) -> 
     assert errors[1] < 1.2 * errors[0]
 
 
+@pytest.mark.slow
 def test_a_refinement_and_a_free_run_stop_at_gaps(
     whole: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:

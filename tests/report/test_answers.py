@@ -62,6 +62,7 @@ def test_what_bears_on_the_answer_is_told_in_full(plain):
         plain.partial = own
 
 
+@pytest.mark.slow
 def test_the_first_answer_is_one_screen(late):
     d = late
     files = Files(("a b.mcap",), more=("--robot", "arm.urdf"), model="")
@@ -84,6 +85,7 @@ def test_the_first_answer_is_one_screen(late):
     assert len(text(d, ladder(d)).splitlines()) > len(lines)
 
 
+@pytest.mark.slow
 def test_the_next_command_adds_what_is_missing_unless_it_is_added_already():
     d = diagnose([run := plants.axis_with_stop(1.0, 1)], model(run))
     assert d.verdict == "missing-effect"
@@ -341,6 +343,7 @@ def test_of_several_shapes_the_surest_is_shown():
     assert _telling(finding("backlash", **values)) == "b = 0.02 +- 0.002 rad"
 
 
+@pytest.mark.slow
 def test_the_contribution_is_what_the_error_falls_by(late):
     found = late.findings[0]
     j = late.result.problem.joints.index(found.joint)
@@ -367,6 +370,7 @@ def test_a_lateness_is_printed_with_its_share_and_with_half_a_sample(late):
     assert v.value == pytest.approx(0.018) and v.stderr == pytest.approx(3e-3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_first_error_that_is_not_the_given_model_s_is_told(late):
     """Where an effect was added beside others, two tables begin with different errors."""
     assert ERRORS not in short(late, ladder(late), None)

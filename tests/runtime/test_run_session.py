@@ -38,6 +38,7 @@ def test_two_sessions_of_a_seed_are_the_same_bytes(rig, tmp_path):
     assert a.read_bytes() != c.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_fresh_process_writes_the_same_bytes(tmp_path):
     here = record(tmp_path / "here.mcap", seed=5)
     words = ["run", str(RIGS / "teleop.toml"), "--seed", "5", "--seconds", "0.3"]

@@ -554,7 +554,7 @@ print(*[name for name, n in compiled().items() if found.get(name) != n])
 """
 
 
-@pytest.mark.parametrize("rig", ["teleop", "surgical"])
+@pytest.mark.parametrize("rig", ["teleop", pytest.param("surgical", marks=pytest.mark.slow)])
 def test_nothing_is_compiled_once_there_is_power(tmp_path, rig):
     # after an installation this takes seconds, and the watchdog took them for the loop's end
     words = [sys.executable, "-c", _COMPILED, str(tmp_path / "s.mcap"), rig]

@@ -1,9 +1,12 @@
 """`hil bench studio`: from Add to the falling ladder, and to the whole answer."""
 
+import pytest
+
 from hil.cli import main
 from hil.commands import studio
 
 
+@pytest.mark.slow
 def test_the_ladder_falls_before_the_whole_answer_is_there():
     row = studio.studio_row(3, 6.0, 1)
     assert (row.joints, row.recorded) == (3, 6.0)

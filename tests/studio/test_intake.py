@@ -81,6 +81,7 @@ def test_the_joints_are_counted_by_kind():
     ]
 
 
+@pytest.mark.slow
 def test_a_messy_table_becomes_a_session_that_the_command_line_repeats(here):
     r = messy(here / "run.csv")
     session = StudioSession()
@@ -217,6 +218,7 @@ def begun(here):
     catalogue.table().update(table)
 
 
+@pytest.mark.slow
 def test_an_own_effect_is_agreed_to_checked_and_ranked(begun):
     session, folder = begun
     given = {"path": "my_effects.py", "text": TEMPLATE, "agreed": ""}
@@ -355,6 +357,7 @@ def test_a_file_of_the_users_is_not_written_over_by_the_editor(begun):
     assert (folder / "mine.py").read_text() == "x = 1\n"
 
 
+@pytest.mark.slow
 def test_a_model_is_exported_and_models_are_compared(begun):
     session, folder = begun
     joint = session.ask("start", {})["joints"][0]

@@ -34,6 +34,7 @@ def begun():
     return bench, bench.start()
 
 
+@pytest.mark.slow
 def test_the_first_answer_shows_everything_as_json(begun):
     _, state = begun
     text = json.dumps(state, allow_nan=False)
@@ -127,6 +128,7 @@ def test_a_model_that_was_shown_is_shown_again_without_a_fit(begun, monkeypatch)
     assert [bench.undo()["at"], bench.redo()["at"], bench.go("0")["at"]] == [0, 1, 0]
 
 
+@pytest.mark.slow
 def test_columns_of_the_comparison_before_change_no_number(begun):
     kept, first = begun
     kept.go("0")
@@ -316,6 +318,7 @@ IMPOSSIBLE = (
 )
 
 
+@pytest.mark.slow
 def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.toml").mkdir()

@@ -53,6 +53,7 @@ def answers(capsys, *words) -> tuple[int, list[dict]]:
     return code, data["groups"]
 
 
+@pytest.mark.slow
 def test_sessions_of_several_robots_are_diagnosed_group_by_group(folder, capsys):
     code, found = answers(capsys, folder / "tuesday", folder / "monday", "--workers", 1)
     assert code == 0
@@ -201,6 +202,7 @@ def lacks(case: RealCase) -> RealRow:
     raise DataError("get it from there")
 
 
+@pytest.mark.slow
 def test_real_recordings_on_a_cluster_give_the_rows_of_this_machine(cluster):
     todo = [RealCase(name, "drive", nothing) for name in "ab"]
     far = sorted(real.run(todo, Where(cluster=cluster), case_row), key=lambda r: r.case)

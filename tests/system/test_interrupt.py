@@ -126,8 +126,15 @@ program()
 """
 
 
-@pytest.mark.parametrize("clock", ["lockstep", "real"])
-@pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
+@pytest.mark.parametrize(
+    ("clock", "name", "code"),
+    [
+        ("lockstep", "SIGTERM", 143),
+        ("real", "SIGINT", 130),
+        pytest.param("lockstep", "SIGINT", 130, marks=pytest.mark.slow),
+        pytest.param("real", "SIGTERM", 143, marks=pytest.mark.slow),
+    ],
+)
 def test_a_session_that_ends_before_its_first_row_leaves_no_file(tmp_path, clock, name, code):
     words = ("run", "identify", "--clock", clock, "--seconds", "9", "--plain", "-o", "s.mcap")
     script = BEGINNING.replace("NUMBER", f"signal.{name}")

@@ -77,6 +77,7 @@ def test_a_file_of_another_kind_stays(folder, capsys, name, words):
     refused(capsys, words, name, "is not a")
 
 
+@pytest.mark.slow
 def test_a_model_and_a_report_are_made_again(folder, capsys):
     words = ["improve", "s.mcap", "-o", "new.toml", "--report", "r.html"]
     assert main(words) == 0 and main(words) == 0

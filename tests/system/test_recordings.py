@@ -39,6 +39,7 @@ def test_emps_refined_on_its_first_record_runs_freely_through_the_other():
     assert found.heldout[1].simulated[0] < 0.7 * found.heldout[0].simulated[0]
 
 
+@pytest.mark.slow
 def test_foam_law_is_found_and_halves_the_error():
     found = [recordings.contact(r) for r in recordings.contact_runs("foam")]
     assert recordings.median([c.spring for c in found]) > 30

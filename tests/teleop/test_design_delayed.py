@@ -61,6 +61,7 @@ def test_what_it_says_where_it_cannot(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_search_that_found_nothing_does_not_propose_what_it_tried(capsys, monkeypatch):
     monkeypatch.setattr("hil.teleop.rig_designs._runs", lambda *args: False)
     monkeypatch.setattr("hil.teleop.rig_designs._STIFFNESS", (60.0,))

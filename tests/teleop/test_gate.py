@@ -172,6 +172,7 @@ def test_what_passes_stays_calm_on_the_rig_and_what_diverges_is_refused(
     assert (state == "ENABLED") == calm
 
 
+@pytest.mark.slow
 def test_the_proposed_design_works(tmp_path, capsys):
     """The numbers that a refusal of --fsf names run when they are written into the rig file."""
     gains = {"c1": [60.0, 0.4, 0.0], "c4": [-60.0, -0.4, 0.0], "c7": [60.0, 0.4, 0.0]}
@@ -198,7 +199,7 @@ def test_where_no_force_gains_help_it_says_so():
         force_sensor_free.transform(d, runs=lambda _: False)
 
 
-@pytest.mark.parametrize("accelerations", [False, True])
+@pytest.mark.parametrize("accelerations", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(rig_designs, "_STIFFNESS", (250.0,))
     monkeypatch.setattr(rig_designs, "_DAMPING", (0.6,))
@@ -257,7 +258,9 @@ def test_the_compensation_of_negative_friction_is_judged_and_named():
     assert all(gate.passes(x, T) for x in negative(-0.001))
 
 
-@pytest.mark.parametrize("setting", ["observer_hz=5", "disturbance=0.1"])
+@pytest.mark.parametrize(
+    "setting", [pytest.param("observer_hz=5", marks=pytest.mark.slow), "disturbance=0.1"]
+)
 def test_the_advice_against_an_observer_is_to_lower_it(setting, capsys):
     words = ["design", "lawrence", "--set", "disturbance=1", "--set", "observer_hz=20"]
     assert main(words) == 2
@@ -284,7 +287,7 @@ def scaled_rig(tmp_path, **changes):
         "position-error",
         "position-force",
         pytest.param("transparent", marks=pytest.mark.slow),
-        "optimised",
+        pytest.param("optimised", marks=pytest.mark.slow),
     ],
 )
 def test_a_new_design_keeps_the_scales_of_the_rig(name, tmp_path, capsys, monkeypatch):

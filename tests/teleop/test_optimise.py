@@ -92,6 +92,7 @@ def test_stage_two_needs_no_force_and_is_the_same_two_port(found):
     np.testing.assert_allclose(hybrid.hybrid(free, s), h, atol=1e-9 * np.abs(h).max())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_met_is_said():
     with pytest.raises(ConfigError, match=r"no design meets all.*contact tracking"):
         optimise.optimise(replace(PROBLEM, contact=0.02, stiffness=60.0), starts=2)

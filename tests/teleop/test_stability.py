@@ -1,6 +1,7 @@
 """Passivity, absolute stability and bounded environments against sampling of the boundary."""
 
 import numpy as np
+import pytest
 
 from hil.teleop import hybrid, passivity
 
@@ -36,6 +37,7 @@ def test_an_ideal_force_channel_does_not_break_the_disc():
     np.testing.assert_allclose(passivity.disc(h, 3.0, 1.0), [1.0 + 0.5 * 3 - 0.5])
 
 
+@pytest.mark.slow
 def test_the_half_disc_is_the_smallest_on_its_boundary():
     h, size = random_hybrids(), RNG.uniform(0.2, 5.0, N)
     y = np.linspace(-1, 1, 1501)
