@@ -24,7 +24,7 @@ Path3 = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def seeds(first: object, *more: object) -> list:
-    """Seeds or values of a test: the first in every run of the tests, the others in the slow ones."""
+    """Values of a test: the first in every run of the tests, the others in the slow ones."""
     return [first, *map(further, more)]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
-from hil.diagnosis.constants import ADEQUATE, CONFIDENT, WORTH
+from hil.diagnosis.constants import ADEQUATE, CONFIDENT, HALF, WORTH
 from hil.diagnosis.floor import NETWORK, TIME, known_to, told
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
@@ -206,6 +206,8 @@ def corrections(which: Sequence[UnnamedCorrection]) -> str:
 def laws(which: Sequence[UnnamedCorrection], files: Files | None = None) -> list[str]:
     """Sentences on the laws that would do as much as the corrections of a joint, with commands.
 
+    None where the corrections take less than half of what they found: any law would do as much.
+
     Parameters
     ----------
     which : sequence of Correction
@@ -214,12 +216,15 @@ def laws(which: Sequence[UnnamedCorrection], files: Files | None = None) -> list
         What was analysed, for the commands.
     """
     out = []
+    begin = {c.joint: c.relative_before for c in reversed(which)}
     for c in {c.joint: c for c in which if c.alike}.values():
+        if c.relative_after**2 > HALF * begin[c.joint] ** 2:
+            continue
         first, *rest = c.alike
         more = f" (as would {listed(rest)})" if rest else ""
         text = (
-            f"On {c.joint}, {first} would explain as much as the correction{more}. It is too small "
-            f"beside the named effects to be named itself. {to_try(first, c.joint)}"
+            f"On {c.joint}, {first} would explain as much as the correction{more}. It did not pass "
+            f"every test of a name. {to_try(first, c.joint)}"
         )
         out.append(with_files(text, files) if files else text)
     return out

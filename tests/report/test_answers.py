@@ -26,7 +26,7 @@ from hil.models.parts import Trait
 from hil.report.data import Files, diagnosis_json, from_diagnosis, with_files
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import AGAIN, CHECK_FIRST, next_steps, percent
+from hil.report.text import AGAIN, CHECK_FIRST, laws, next_steps, percent
 
 
 @pytest.fixture(scope="module")
@@ -228,6 +228,15 @@ def test_of_coefficients_in_several_units_one_that_is_well_determined_is_told():
     values = {"i": (2e-6, 8e-7, "N m s^2/rad"), "fc": (0.01, 1e-4, "N m")}
     values |= {"fv": (0.02, 1e-3, "N m s/rad"), "joint": (2.0, NAN, "1"), "r": (1.0, NAN, "1")}
     assert _telling(finding("coupled-transmission", **values)).startswith("fc = 0.01")
+
+
+@pytest.mark.parametrize(("after", "said"), [(140.0, False), (60.0, True)])
+def test_a_law_in_the_place_of_a_correction_is_told_where_that_does_something(after, said):
+    """Of 164 % a correction left 149, and any law would have done as much."""
+    made = UnnamedCorrection(
+        "correction-load", "its load", "joint2", 164.0, after, 1.0, ("spring",)
+    )
+    assert bool(laws([made])) == said
 
 
 def test_what_one_coefficient_says_is_told_by_it():
