@@ -25,12 +25,13 @@ demo: install
 test: export OMP_NUM_THREADS = 1
 test: install
 	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m "not real_time and not slow"
-	$(BIN)/python -m pytest -m real_time $$(grep -rlw real_time tests --include='test_*.py')
+	$(BIN)/python -m pytest -m "real_time and not slow" $$(grep -rlw real_time tests --include='test_*.py')
 
-# whole pipelines of more than about five seconds each, further cases, and pages in a browser: before a release
+# whole pipelines of more than about three seconds each, further cases, and pages in a browser: before a release
 test-slow: export OMP_NUM_THREADS = 1
 test-slow: install
 	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist loadfile -m "slow and not real_time"
+	$(BIN)/python -m pytest -m "real_time and slow" $$(grep -rlw real_time tests --include='test_*.py')
 
 check: install
 	$(BIN)/ruff check .

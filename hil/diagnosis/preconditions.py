@@ -497,35 +497,53 @@ def contradicted(result: FitResult, over: FloatArray | None = None) -> list[tupl
     said = _turned(result) or _other_gravity(result, every)
     if said:
         return [(GRAVITY, said)]
-    out = []
-    for w in off:
-        joint, unit = result.problem.joints[w.joint], not TENTH < w.ratio < 1 / TENTH
-        left = 0.0 if over is None else float(over[w.joint])
-        if _upwards(w):
-            advice = (
-                f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
-                "stretches), or does gravity act in another direction than described?"
-            )
-        elif left > NEAR_FLOOR and not unit:
-            advice = (
-                f"But the model leaves {left:.1f} times the noise floor on {joint}: what it lacks "
-                "may act over the posture as gravity does (a spring, a cable, a contact). This "
-                "value says nothing of the masses before that is explained"
-            )
-        else:
-            advice = (
-                ("Check the unit of its effort (or the ratio of a gear), " if unit else "Check ")
-                + f"the masses and centres of mass that {joint} carries, the zeros of the "
-                "positions, and whether the description lacks a spring or a counterweight"
-            )
-        out.append(
-            (
-                GRAVITY,
-                f"gravity of {joint}: the data give {w.ratio:.2f} times the value of the robot "
-                f"description (standard error {w.stderr:.2g}). {advice}",
-            )
+    every_one = [(w, _advice(result.problem.joints[w.joint], w, over)) for w in off]
+    # what is said of the masses of several joints is said once
+    masses = [w for w, advice in every_one if advice == MASSES]
+    told = [(masses, MASSES)] if masses else []
+    told += [([w], advice) for w, advice in every_one if advice != MASSES]
+    return [(GRAVITY, f"{_ratios(result, some)}. {advice}") for some, advice in told]
+
+
+#: What to do where the data surely give other masses than the description; of one joint, whose
+#: effort is of another order.
+MASSES = (
+    "Check the masses and centres of mass of the links that follow, the zeros of the positions, "
+    "and whether the description lacks a spring or a counterweight"
+)
+UNITS = "Check the unit of its effort (or the ratio of a gear), t" + MASSES.removeprefix("Check t")
+
+
+def _ratios(result: FitResult, some: Sequence[Weighed]) -> str:
+    """Sentence on the gravity of joints, by the data over the description."""
+    joints = [result.problem.joints[w.joint] for w in some]
+    ratios = [f"{w.ratio:.2f}" for w in some]
+    if len(some) == 1:
+        return (
+            f"gravity of {joints[0]}: the data give {ratios[0]} times the value of the robot "
+            f"description (standard error {some[0].stderr:.2g})"
         )
-    return out
+    return (
+        f"gravity of {', '.join(joints)}: the data give {', '.join(ratios)} times the values of "
+        f"the robot description (standard errors up to {max(w.stderr for w in some):.2g})"
+    )
+
+
+def _advice(joint: str, w: Weighed, over: FloatArray | None) -> str:
+    """What to do about the gravity of a joint."""
+    unit, left = not TENTH < w.ratio < 1 / TENTH, 0.0 if over is None else float(over[w.joint])
+    if _upwards(w):
+        return (
+            f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
+            "stretches), or does gravity act in another direction than described?"
+        )
+    if left > NEAR_FLOOR and not unit:
+        return (
+            f"But the model leaves {left:.1f} times the noise floor on {joint}: what it lacks "
+            "may act over the posture as gravity does (a spring, a cable, a contact). This "
+            "value says nothing of the masses before that is explained"
+        )
+    return UNITS if unit else MASSES
 
 
 def _doubted(w: Weighed) -> bool:

@@ -52,6 +52,7 @@ def memory(data: bytes, folder: Path) -> None:
     bytearray(2**40)
 
 
+@pytest.mark.slow
 def test_lines_that_are_reached_lead_to_a_fault(monkeypatch):
     monkeypatch.setattr(fuzz, "_COUNTED", fuzz.re.compile("test_fuzz"))
     found = fuzz.explore(fuzz.Target("deep", deep, three), 2.5)

@@ -215,6 +215,7 @@ def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
     assert (found.compared, found.differ) == (done.ticks, 0)
 
 
+@pytest.mark.slow
 def test_model_mediated_feels_the_gel_that_is_there(tmp_path):
     found = teleop.row(*teleop.LAWS[-1], teleop.Link(0.1), tmp_path, 1)
     assert found.share == pytest.approx(1.0, abs=0.1)
@@ -309,6 +310,7 @@ def test_fixtures_guide_a_hand_and_its_follower(tmp_path):
         assert max(row.guided) < 0.6 * min(row.without), row
 
 
+@pytest.mark.slow
 def test_a_fixture_that_the_rig_cannot_render_is_refused_before_the_start(tmp_path, capsys):
     hard = [{"kind": "wall", "place": [0.0, 0.0, -0.01], "stiffness": 9000.0, "damping": 0.5}]
     with pytest.raises(ConfigError, match="fixture wall ask for"):

@@ -283,6 +283,7 @@ def ways(n):
         yield 0.4 * np.sin(w * k * 1e-3 + phase).sum(1)
 
 
+@pytest.mark.slow
 def test_the_networks_learn_what_coulomb_and_viscous_friction_cannot():
     """On line, from an empty structure; and over it the distance of the weights never grows."""
     _, _, plain = taught(0)

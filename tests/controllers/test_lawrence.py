@@ -599,6 +599,7 @@ def drag_on_the_rig(folder, law):
     return teleop.impedances(path)[0].real
 
 
+@pytest.mark.slow
 def test_disturbance_observers_take_friction_away_that_no_model_holds(tmp_path):
     bare, observed = (
         drag_on_the_rig(tmp_path, {**teleop.FOUR, **more}) for more in ({}, teleop.OBSERVED)

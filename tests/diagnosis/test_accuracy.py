@@ -15,6 +15,7 @@ from hil.models.model import Band, base_model
 from hil.record.recording import SIGNAL
 
 
+@pytest.mark.slow
 def test_an_effect_within_the_accuracy_of_the_efforts_is_not_named():
     run = plants.smooth_axis(3, seconds=20.0, extra=lambda t, q, v, a: 0.03 * v * abs(v))
     model = base_model(run.robot)

@@ -58,6 +58,7 @@ def test_shares_are_in_json_text_and_report(unnamed, tmp_path):
     ).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_network_fits_and_lowers_the_heldout_error(unnamed):
     run, _ = unnamed
     before, after = hil.add([run], hil.base_model(run.robot), "friction-network")

@@ -34,6 +34,7 @@ def test_exact_dry_friction_at_quick_reversals_is_adequate(seed):
     assert said in text(d, ladder(d)) and f"{said}." in report_text.details(from_diagnosis(d))
 
 
+@pytest.mark.slow
 def test_an_adequate_error_above_its_floor_is_called_what_it_is():
     d = diagnosed(plants.quick_axis(2))
     ratio = float((d.ladder[-1].heldout.rms / d.noise)[0])
@@ -121,6 +122,7 @@ def test_a_held_out_error_is_excused_by_what_reversals_make_of_the_fitted_one(mo
         ]
 
 
+@pytest.mark.slow
 def test_what_is_left_at_reversals_is_no_missing_effect(monkeypatch):
     d = diagnosed(plants.quick_axis(1))
     floor, most = 0.5 * d.explained.heldout.rms, d.explained.result.rms**2

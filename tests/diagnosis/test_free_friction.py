@@ -59,12 +59,14 @@ def test_a_slow_remainder_says_little_of_a_slow_law_and_much_of_a_fast_one():
     assert inflation(slow, run, np.sin(0.5 * t)) < 0.05 * whole
 
 
+@pytest.mark.slow
 def test_a_stop_that_the_first_run_does_not_reach_is_judged_in_the_one_that_does():
     runs = [plants.axis_with_stop(swing, k) for k, swing in enumerate((0.5, 1.0, 1.0), 1)]
     found = diagnose(runs[:2], hil.base_model(runs[0].robot), runs[2:])
     assert "end-stop" in {f.effect for f in found.findings}
 
 
+@pytest.mark.slow
 def test_friction_that_changes_at_an_instant_does_not_drift():
     """Somebody has put oil on it: the time is said, and no drift that would go on."""
 

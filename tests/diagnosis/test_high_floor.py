@@ -50,6 +50,7 @@ def test_beside_a_poor_sensor_nothing_is_suspected(hand):
     assert "a poor sensor" in told and "wearer" not in told
 
 
+@pytest.mark.slow
 def test_a_floor_that_no_noise_makes_stands_in_the_verdict():
     """It stays adequate, and the verdict says what that is worth; of causes, what was tried."""
 

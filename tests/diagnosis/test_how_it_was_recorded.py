@@ -24,6 +24,7 @@ from hil.record.checks import check
 from hil.record.export import write_recordings
 
 
+@pytest.mark.slow
 def test_a_joint_without_an_effort_says_nothing_and_spoils_nothing():
     run, hold = (plants.two_axes("stribeck", seed, "") for seed in (1, 2))
     whole = hil.compare([run], hil.base_model(run.robot), [hold], simulate=False)

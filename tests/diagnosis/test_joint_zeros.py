@@ -143,6 +143,7 @@ def test_gravity_that_acts_otherwise_is_bad_data_with_the_line_for_the_descripti
     assert code == "description-gravity" and f"<gravity>{numbers}</gravity>" in text
 
 
+@pytest.mark.slow
 def test_columns_in_another_order_are_bad_data_and_said():
     run = plants.serial_arm(5, 1)
     order = [2, 1, 0, 3, 4]

@@ -233,6 +233,7 @@ def test_the_number_of_a_joint_is_no_size_to_climb():
     assert catalogue.get("stribeck").shape[0].size
 
 
+@pytest.mark.slow
 def test_a_fit_is_led_out_of_a_local_minimum_once(monkeypatch):
     """A blunter sign may lead it back into the one that corrections have led it out of."""
     asked = []
@@ -308,6 +309,7 @@ def test_an_effect_that_only_brought_another_sign_is_taken_out() -> None:
     assert search.found == [] and search.now.step.label == "- stribeck on joint1"
 
 
+@pytest.mark.slow
 def test_what_every_run_has_by_itself_is_taken_out_where_it_does_nothing() -> None:
     """It takes the place of a value for all runs, but the model holds none that would come back."""
     runs = [plants.pickup(seed, "none", f"run{seed}") for seed in (1, 2)]

@@ -19,6 +19,7 @@ def test_a_third_harmonic_is_no_second_name() -> None:
     assert corrected < 0.8 * named
 
 
+@pytest.mark.slow
 def test_a_wave_of_another_order_is_no_harmonic() -> None:
     train = plants.cogging_axis(0, 0.008, 2.43 * plants.COGGING_ORDER)
     found = diagnose(

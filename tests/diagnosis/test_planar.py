@@ -30,6 +30,7 @@ def test_with_nothing_hidden_the_model_is_adequate():
     assert diagnosed(1.0)[1].verdict == "adequate"
 
 
+@pytest.mark.slow
 def test_of_two_joints_each_ones_gain_is_the_others_rival(gained):
     _, d = gained
     (f,) = d.findings

@@ -94,6 +94,7 @@ def test_waves_over_position_have_their_own_order_not_half_of_it(order):
     assert p == pytest.approx(order / 2 / np.pi, rel=0.02)
 
 
+@pytest.mark.slow
 def test_friction_that_rebuilds_at_rest_is_no_drift():
     level = {"last": 0.0, "value": 1.0}
 

@@ -13,6 +13,7 @@ def run():
     return plants.axis(1, 12.0)
 
 
+@pytest.mark.slow
 def test_results_print_as_one_line(run):
     model = hil.base_model(run.robot)
     printed = [run, hil.fit([run], model), hil.compare([run], model), hil.diagnose([run], model)]
@@ -64,6 +65,7 @@ def fitted_value(model):
     return next(u for u in model.effects if u.type == "coulomb").values["j1.coulomb.fc"].value
 
 
+@pytest.mark.slow
 def test_the_headline_keeps_apart_what_is_sure(run):
     from dataclasses import replace
 

@@ -29,6 +29,7 @@ def answer(extra, **more):
     return d, [w for code, w in d.warnings if code == UNLIKE]
 
 
+@pytest.mark.slow
 def test_a_wave_whose_frequency_rises_is_told_with_its_frequencies(tmp_path):
     d, (said,) = answer(np.sin(2 * np.pi * (2.0 * plants.DRY_T + 0.16 * plants.DRY_T**2)))
     assert d.verdict == "unexplained" and not d.findings

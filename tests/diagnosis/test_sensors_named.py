@@ -92,6 +92,7 @@ def test_error_of_the_force_sensor_is_named_with_its_channel(effect):
     assert d.findings[0].parameters[f"{effect}.{name}"].value == pytest.approx(value, rel=0.03)
 
 
+@pytest.mark.slow
 def test_sensors_at_the_joints_cannot_be_told_from_the_motor():
     run = plants.axis(1, push=sway, sensor=lambda t, w: w + 0.1)
     d = hil.diagnose([run], hil.base_model(run.robot) - "torque-offset")
@@ -122,6 +123,7 @@ def test_lag_of_the_motion_differs_from_delay_only_beside_a_measured_force():
     assert (d.findings[0].effect, "filter-lag") in [s.effects for s in sets_of(d)]
 
 
+@pytest.mark.slow
 def test_eccentric_encoder_is_not_cogging_and_cogging_is_not_the_encoder():
     d, found = named(plants.axis(1, seen=lambda t, q: q + 1e-3 * np.sin(30 * q + 0.5)))
     assert found == {("encoder-eccentricity", "joint1")}
@@ -179,6 +181,7 @@ def test_lost_counts_show_in_gravity():
     assert values["j3.missed-counts.t0"].value == pytest.approx(8.5, abs=0.3)
 
 
+@pytest.mark.slow
 def test_lost_counts_show_in_a_spring_and_not_without_one():
     def seen(t, q):
         return q + 0.03 * float(lost(7.0)(t))

@@ -38,6 +38,7 @@ def carried(q, v, a):
     return 0.4 * a + 0.3 * v + 0.5 * sign(v)
 
 
+@pytest.mark.slow
 def test_a_cylinder_that_pulls_weaker_than_it_pushes():
     def weak(q, v, a):
         felt = carried(q, v, a)
@@ -58,6 +59,7 @@ def test_an_offset_of_the_current_is_no_gain_of_one_direction():
     assert names(d) <= {"torque-offset"}
 
 
+@pytest.mark.slow
 def test_a_motor_constant_that_falls_towards_both_ends():
     """A voice coil leaves its magnet."""
     d = diagnosed(lambda q, v, a: carried(q, v, a) / (1 - 0.3 * (q / 0.9) ** 2))

@@ -149,6 +149,7 @@ def test_what_is_slow_does_not_swing(hidden, effect: str) -> None:
     assert not {f.effect for f in d.findings} & {"elastic-transmission", "vibration-mode"}
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_an_eighth_of_the_link_hangs_on_it_and_is_not_the_link() -> None:
     run = plants.transmission(2, mode=0.01)
     d = diagnose([run], base_model(run.robot))

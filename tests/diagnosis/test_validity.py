@@ -77,6 +77,7 @@ def test_held_out_session_outside_the_fit_is_flagged():
     assert any("held-out session" in text for _, text in codes(comparison_json(found)["warnings"]))
 
 
+@pytest.mark.slow
 def test_report_shades_what_is_outside(tmp_path):
     from hil.report.html import comparison_report
 

@@ -80,6 +80,7 @@ def test_an_improved_model_says_which_of_its_names_are_not_settled(late, tmp_pat
     assert "end-stop on joint1" in shown and "not settled" not in shown
 
 
+@pytest.mark.slow
 def test_an_effect_that_later_ones_have_emptied_gets_no_name():
     # a torque over position stands in for a stop until the stop is found
     run = plants.axis_with_stop(1.0, 1)

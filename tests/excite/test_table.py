@@ -117,6 +117,7 @@ def test_where_no_length_was_asked_for_none_is_missed(session, capsys):
     assert "multisine, 30 s: many frequencies" in out and "1 round of the motion, with 2 s" in out
 
 
+@pytest.mark.slow
 def test_a_shape_that_the_model_has_fitted_is_taken(session, capsys):
     words = ["--for", "stribeck", "--motion", "speed-ladder", "--seconds", "10"]
     fitted = base_model(RobotSource("single-axis")) + Use(
@@ -139,6 +140,7 @@ def test_a_shape_that_the_model_has_fitted_is_taken(session, capsys):
     assert "assumed: an effect of 0.5 %" in own
 
 
+@pytest.mark.slow
 def test_a_recording_is_never_replaced_by_a_table(session, capsys):
     before = Path("s.csv").read_text()
     words = ["excite", str(session), "--for", "stribeck", "--motion", "rests", "--seconds", "5"]

@@ -38,6 +38,7 @@ def test_stated_errors_are_the_scatter(noise: float, rho: float) -> None:
         assert not any(r[name].at_bound for r in results)
 
 
+@pytest.mark.slow
 def test_a_coefficient_on_its_bound_does_not_widen_its_shape() -> None:
     # the whole effort is late: share and delay trade off until the share's bound holds it
     def late(seed: int) -> dict[str, Value]:

@@ -170,6 +170,7 @@ def test_an_effect_is_removed_from_the_joint_of_its_row_alone(tmp_path, monkeypa
     assert told == pytest.approx(shown, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_path):
     bench, _ = begun
     bench.now.file = ""
@@ -190,6 +191,7 @@ def test_an_export_names_the_file_of_the_model_that_it_was_made_of(begun, tmp_pa
     assert not (tmp_path / "a.toml").exists()
 
 
+@pytest.mark.slow
 def test_an_export_shows_the_error_of_the_whole_model_and_within_the_target(begun, tmp_path):
     """As the command line does; a description has no law of Stribeck, and the error rises."""
     bench, first = begun
@@ -213,6 +215,7 @@ def test_an_export_shows_the_error_of_the_whole_model_and_within_the_target(begu
     assert notes[:2] == [f"held-out error, {k}: {joint} {v:.2f} %" for k, v in errors.items()]
 
 
+@pytest.mark.slow
 def test_a_described_arm_is_exported_as_a_description_and_a_refused_export_leaves_nothing(tmp_path):
     """The model that is written beside has a description, too: not where the exported one goes."""
     run = plants.spatial(1, 6.0)
@@ -242,6 +245,7 @@ def test_what_cannot_be_added_leaves_the_stack(begun):
     assert len(bench.stack) == count
 
 
+@pytest.mark.slow
 def test_nothing_of_the_users_is_written_over(begun, tmp_path):
     bench, _ = begun
     for name, write in (("notes.toml", bench.save), ("page.html", bench.report)):
@@ -385,6 +389,7 @@ def quiet(monkeypatch):
     return Worker(inputs()), made
 
 
+@pytest.mark.slow
 def test_the_process_imports_nothing_of_the_working_directory(tmp_path, monkeypatch):
     (tmp_path / "multiprocessing.py").write_text("open('ran', 'w')\nraise SystemExit")
     monkeypatch.chdir(tmp_path)

@@ -217,6 +217,7 @@ def test_a_transparent_design_is_found_that_runs(accelerations, monkeypatch, tmp
     assert main(["run", str(own), "-o", str(tmp_path / "s.mcap"), "--seconds", "1.5"]) == 0
 
 
+@pytest.mark.slow
 def test_a_delay_counts_in_the_ticks_that_the_loop_has(tmp_path, capsys):
     """1.6 ms are two ticks, which this loop does not bear; its margin is 1.7 ms."""
     words = ["design", "lawrence", "--design", "position-error", "--set", "velocity_hz=1e6"]

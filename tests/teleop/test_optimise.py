@@ -21,6 +21,7 @@ def found():
     return optimise.optimise(PROBLEM, starts=3)
 
 
+@pytest.mark.slow
 def test_the_optimum_keeps_every_constraint_on_a_finer_grid(found):
     d, w = found.design, np.geomspace(0.1, 1000, 1777)
     h = hybrid.hybrid(d, hybrid.jw(w), REAL)

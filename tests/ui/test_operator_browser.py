@@ -120,6 +120,7 @@ LATENCY, RATE = 400, 50_000
 ENDED, TOLD = 3.0, 5.0
 
 
+@pytest.mark.slow
 def test_on_a_slow_network_the_page_is_used_and_stopped(tmp_path):
     """State, start, marks and the emergency stop over a phone's bad connection."""
     problems, waiting, most = [], [], [0]
@@ -185,6 +186,7 @@ def test_on_a_slow_network_the_page_is_used_and_stopped(tmp_path):
     assert not read(session).truncated and load(session, "follower").n > 100
 
 
+@pytest.mark.slow
 def test_what_a_page_does_not_know_it_does_not_show(tmp_path):
     """A program that is ended ends its session; its page says so, also beside a new one."""
     with sync.sync_playwright() as playwright:
