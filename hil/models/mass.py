@@ -27,7 +27,6 @@ from hil.models.effect import (
     Waves,
     even_ratio,
     log_grid,
-    other_ratios,
     turning_orders,
 )
 from hil.models.kernels import lag
@@ -242,18 +241,20 @@ class Relaxation(Effect):
         return (q - lag(q, motion.dt, float(shape[0])))[:, None]
 
 
+#: Ratios of the other joint's position from which the search climbs, of either sign.  Half as many:
+#: a maximum between them is missed; beyond them one of the joints is hardly bent (`TAKES_PART`).
+STRETCHES = (0.4, 1.0, 2.5)
+
+
 def _coupled_spring_grid(motion: Motion, j: int) -> Shapes:
-    """Difference and sum with every later joint (the pair is unordered), half and twice as much."""
-    ratios = (-1.0, 1.0, -0.5, 0.5, -2.0, 2.0)
+    """Differences and sums with every later joint (the pair is unordered)."""
     later = range(j + 1, motion.d)
-    return [(k + 1.0, s * even_ratio(motion, j, k)) for k in later for s in ratios]
-
-
-def _coupled_spring_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
-    """Other ratios of the joint that was found; the present one first."""
-    k, ratio = shape
-    even = even_ratio(motion, j, int(k) - 1)
-    return [(k, ratio), *((k, x) for x in other_ratios(ratio, even))]
+    return [
+        (s * x * even_ratio(motion, j, k), k + 1.0)
+        for k in later
+        for x in STRETCHES
+        for s in (-1.0, 1.0)
+    ]
 
 
 #: Share of what bends a spring between two joints that either of them must have.  Half: the other
@@ -263,8 +264,8 @@ TAKES_PART = 0.25
 
 def _coupled_spring_between(f: Fitted) -> bool:
     """Both joints bend it: else it is a spring of one of them."""
-    own, other = (float(np.std(f.motion.q[:, k])) for k in (f.j, int(f.shape[0]) - 1))
-    other *= abs(f.shape[1])
+    own, other = (float(np.std(f.motion.q[:, k])) for k in (f.j, int(f.shape[1]) - 1))
+    other *= abs(f.shape[0])
     return min(own, other) >= TAKES_PART * (own + other)
 
 
@@ -276,7 +277,7 @@ def _coupled_spring_lacks(motion: Motion, j: int) -> str:
 def _stretch(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
     """q_j + r q_k, each about its mid-range, shape (n,)."""
     q = motion.q - motion.span.mean(axis=1)
-    out: FloatArray = q[:, j] + shape[1] * q[:, int(shape[0]) - 1]
+    out: FloatArray = q[:, j] + shape[0] * q[:, int(shape[1]) - 1]
     return out
 
 
@@ -311,11 +312,11 @@ class CoupledSpring(Effect):
         Param("k3", "{F}/{x}^3", "how it stiffens to both sides"),
     )
     shape = (
-        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
         Param("r", "1", "ratio of the other joint's position, in this joint's unit"),
+        Param(JOINT, "1", "number of the other joint", 1.0, choice=True),
     )
     scope = Scope(Of.JOINTS, lacks=_coupled_spring_lacks)
-    search = Grid(_coupled_spring_grid, across=_coupled_spring_across, refine=False, rounds=4)
+    search = Grid(_coupled_spring_grid)
     limits = (
         Limit("between", _coupled_spring_between, says="one of its joints hardly bends it"),
         Limit("pulls-back", _coupled_spring_pulls_back, says="it would push its joints away"),
@@ -327,7 +328,7 @@ class CoupledSpring(Effect):
         d = _stretch(motion, j, shape)
         out = np.zeros((motion.n, motion.d, 3))
         out[:, j] = d[:, None] ** np.arange(1, 4)
-        out[:, int(shape[0]) - 1] = shape[1] * out[:, j]
+        out[:, int(shape[1]) - 1] = shape[0] * out[:, j]
         return out
 
 

@@ -42,7 +42,7 @@ IMPOSSIBLE = {
     "missed-counts": ((1.0,), (0.8,)),
     "local-friction": ((0.0, 0.5), (0.1, 0.0)),
     "spring": ((), (-1.0, 0.2)),
-    "coupled-spring": ((2.0, -0.1), (1.0, 0.0, 0.0)),
+    "coupled-spring": ((-0.1, 2.0), (1.0, 0.0, 0.0)),
     "relaxation": ((0.5,), (-1.0,)),
     "payload-change": ((1.0, 0.0, 0.0, 0.0, 0.0), (0.2, 0.2, 0.0, 0.0)),
     "vibration-mode": ((5.0, 0.3), (-0.1,)),
@@ -148,11 +148,11 @@ def test_a_spring_returns_to_its_rest() -> None:
 def test_a_spring_between_joints_pushes_none_of_them_away() -> None:
     """A force sensor's offset looks like such a spring, but for its sign."""
     errors = (0.1, 0.1, 0.1)
-    assert allowed("coupled-spring", (2.0, -1.0), (1.0, 0.0, 0.0))
-    assert not allowed("coupled-spring", (2.0, -1.0), (-1.0, 0.0, 0.0), errors)
-    assert allowed("coupled-spring", (2.0, -1.0), (-0.1, 0.0, 0.0), errors)  # next to nothing
+    assert allowed("coupled-spring", (-1.0, 2.0), (1.0, 0.0, 0.0))
+    assert not allowed("coupled-spring", (-1.0, 2.0), (-1.0, 0.0, 0.0), errors)
+    assert allowed("coupled-spring", (-1.0, 2.0), (-0.1, 0.0, 0.0), errors)  # next to nothing
     # slack in the middle, and stiff to both sides; a stretch of +-2
-    assert allowed("coupled-spring", (2.0, -1.0), (-0.5, 0.0, 1.0), errors)
+    assert allowed("coupled-spring", (-1.0, 2.0), (-0.5, 0.0, 1.0), errors)
 
 
 def test_viscous_friction_that_joints_share_with_two_motors_is_no_drive() -> None:

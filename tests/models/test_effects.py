@@ -233,7 +233,7 @@ def test_coupled_friction_of_the_other_joint_alone_or_with_it(mode: float) -> No
 def test_a_spring_over_two_joints_is_the_slope_of_its_energy() -> None:
     """tau_i = dU/dq_i with U = d^(p + 1) / (p + 1), d = q_1 + r q_3 about mid-range."""
     motion, r = motion_of(IndependentAxes(("a", "b", "c"))), -0.7
-    x = catalogue.get("coupled-spring").columns(motion, 0, (3.0, r))
+    x = catalogue.get("coupled-spring").columns(motion, 0, (r, 3.0))
     q = motion.q - motion.span.mean(axis=1)
 
     def energy(q: np.ndarray, p: int) -> np.ndarray:
