@@ -304,7 +304,7 @@ class CoupledSpring(Effect):
             "Zajac, Crit. Rev. Biomed. Eng. 17, 1989 (muscles over two joints); Giam, Tan, Huang, "
             "ISA Trans. 46, 2007 (a gantry's beam on two drives)"
         ),
-        over=Over.POSITION,
+        over=Over.STRETCH,
     )
     params = (
         Param("k", "{F}/{x}", "stiffness at mid-range"),

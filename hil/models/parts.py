@@ -196,6 +196,8 @@ class Over(Enum):
     DEPTH = "depth"
     LOAD = "load"
     OTHER_SPEED = "other speed"
+    #: The own position and r times the other joint's.
+    STRETCH = "stretch"
     TIME = "time"
     PERIOD = "period"
     DISPLACEMENT = "displacement"

@@ -189,9 +189,25 @@ def other_speed(result: FitResult, fit: Learnt) -> Variable:
     unit = f"[{_unit(result, k)}/s]"
     if not mode:
         return Variable(problem.qd[k], f"speed of {other} {unit}", dense_at_zero(problem.qd[k]))
-    x, sign = problem.qd[j] + mode * problem.qd[k], "+" if mode > 0 else "\u2212"
-    times = f"{abs(mode):.3g} x " if abs(mode) != 1.0 else ""
-    return Variable(x, f"speed of {own} {sign} {times}speed of {other} {unit}", dense_at_zero(x))
+    x = problem.qd[j] + mode * problem.qd[k]
+    label = f"speed of {own} {_times(mode)}speed of {other} {unit}"
+    return Variable(x, label, dense_at_zero(x))
+
+
+def _times(r: float) -> str:
+    """Sign and size of a ratio in a sum."""
+    sign, size = "+" if r > 0 else "\u2212", f"{abs(r):.3g} x " if abs(r) != 1.0 else ""
+    return f"{sign} {size}"
+
+
+def stretch(result: FitResult, fit: Learnt) -> Variable:
+    """The own position and r times the other joint's."""
+    problem, j, k = result.problem, fit.term.joint, fit.term.other
+    named = zip(fit.term.effect.shape, fit.term.shape, strict=True)
+    r = next(float(x) for p, x in named if p.name == "r")
+    label = f"position of {problem.joints[j]} {_times(r)}position of {problem.joints[k]}"
+    x = problem.q[j] + r * problem.q[k]
+    return Variable(x, f"{label} [{_unit(result, j)}]", _even(x, 40))
 
 
 def depth(result: FitResult, fit: Learnt) -> Variable:
@@ -275,6 +291,7 @@ CHOICE: dict[Over, Callable[[FitResult, Learnt], Variable]] = {
     Over.DEPTH: depth,
     Over.LOAD: load,
     Over.OTHER_SPEED: other_speed,
+    Over.STRETCH: stretch,
     Over.TIME: elapsed,
     Over.PERIOD: turn,
     Over.DISPLACEMENT: displacement,

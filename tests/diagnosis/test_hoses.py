@@ -10,6 +10,7 @@ import pytest
 
 import hil
 from hil.record.recording import Recording
+from hil.report.effects import learnt, stretch
 
 #: Stiffness of the hose of the tests at rest [N m/rad].
 K = 1.0
@@ -44,3 +45,9 @@ def test_a_hose_over_two_joints_is_one_name(ratio, stiffens) -> None:
     if not stiffens:
         assert values["j2.coupled-spring.k"].value == pytest.approx(K, rel=0.1)
     assert np.all(d.ladder[-1].heldout.rms < 1.2 * d.noise)
+    drawn = stretch(d.result, learnt(d.result, "coupled-spring", "joint2"))
+    sign = "+" if ratio > 0 else "\u2212"
+    assert drawn.label.startswith(f"position of joint2 {sign} 0.")
+    np.testing.assert_allclose(
+        drawn.x, d.result.problem.q[1] + values["j2.coupled-spring.r"].value * d.result.problem.q[2]
+    )
