@@ -276,9 +276,9 @@ def _freed(after: FitResult, before: FitResult) -> bool:
     """Whether a correction without a free zero takes most of the error, beside what is hidden.
 
     It may not lead away from the described gravity; one that mends a gravity of another order need
-    not take most.  What leaves more than half of an effort that it moved says nothing.
+    not take most.  What leaves more than half of an effort that it changes says nothing.
     """
-    changed = np.any(after.problem.effort != before.problem.effort, axis=1)
+    changed = np.abs(after.relative - before.relative) > WORTH * before.relative
     if np.any(after.relative[changed] >= 100 * HALF):
         return False
     nearer, fall = _off(before) - _off(after), _fall(after.relative, before)

@@ -178,7 +178,6 @@ class Spring(Effect):
     limits = (
         Limit("constant", _spring_varies, says="it hardly varies over the range, like an offset"),
         Limit("pulls-back", _spring_pulls_back, says="it would push away from its rest position"),
-        BOUNDS,
     )
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
