@@ -7,17 +7,19 @@ import numpy as np
 import plants
 import pytest
 
+import hil
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis import equivalence
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.heldout import BOTH, DIFFER
+from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, _ours, _Pair, still_differ
 from hil.diagnosis.residual_tests import FIT_APART
+from hil.diagnosis.types import Finding
 from hil.diagnosis.verbs import compare, ladder
 from hil.models.model import base_model
 from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.html import diagnosis_report
-from hil.report.text import AGAIN, next_steps
+from hil.report.text import AGAIN, headline, next_steps
 
 
 @cache
@@ -129,6 +131,39 @@ def test_compare_and_the_report_say_it_too(tmp_path):
 def test_held_out_runs_far_above_their_floor_refute_the_model():
     assert answer("", "coulomb").verdict == answer("", "gain").verdict == "unexplained"
     assert answer("", "").verdict == "adequate"
+
+
+def test_sessions_do_not_differ_on_joints_that_the_corrected_model_serves():
+    """The advice to fit the held-out session too had been the only one of a model at its floor."""
+    d = answer("", "coulomb")  # on joint2 alone
+    (sentence,) = said(d)
+    assert still_differ(d) == d.warnings
+    served = replace(d, heldout_floor=10 * d.ladder[-1].heldout.rms)
+    assert still_differ(served) == [w for w in d.warnings if w[0] != DIFFER]
+    # what to do stands behind the last sentence that is left
+    bare = sentence.removesuffix(ADVICE).removesuffix(". ")
+    two = replace(d, warnings=[(DIFFER, bare), (DIFFER, f"joint1: it was another one. {ADVICE}")])
+    assert still_differ(two) == [(DIFFER, sentence)]
+
+
+def test_what_explains_an_error_at_its_floor_in_one_session_is_no_difference():
+    """A joint at 1.01 floors: all of the error above the noise was another gain's, and said so."""
+    fit, held = plants.two_axes("cogging", 1, "monday"), plants.two_axes("", 2, "friday")
+    model = base_model(fit.robot)
+    d = replace(answer("cogging", ""), verdict="unexplained")
+    first = replace(d, last=d.first)
+    pair = _Pair(d.ladder[0].result, d.ladder[0].heldout, hil.fit([held], model))
+    ((joint, text),) = _ours(first, pair, [0, 1])
+    assert joint == 1 and "cogging would explain 100 %" in text
+    floor = replace(d.first.floor, rms=pair.fitted.rms, scale=pair.fitted.rms)
+    assert _ours(replace(first, last=replace(d.first, floor=floor)), pair, [0, 1]) == []
+
+
+def test_the_headline_is_about_the_joint_that_is_worst_now():
+    """A name withheld on a joint at its floor came before another one at 18 floors."""
+    m = from_diagnosis(answer("", "coulomb"), simulated=False)
+    withheld = Finding("cogging", "joint1", 0.2, 2.0, 1.0, 0.1, 0.6, {}, [])
+    assert "joint2" in headline(replace(m, partial=[withheld]))
 
 
 def test_without_held_out_sessions_nothing_is_compared():
