@@ -375,18 +375,20 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
 def _suiting(
     search: Search, c: Candidate, rated: list[Rated], projector: Projector
 ) -> Candidate | None:
-    """The law that acts like one, has no more values, and does as much once all is fitted with it.
+    """The law that has no more values than one, and does as much once all is fitted with it.
 
     Shapes of other effects of the joint are those that suit the law that was found first, and are
     sought again without it: a polynomial over the position stands for a weight and a stop together
-    until the stop has a name, and a weight for a spring until the relaxation beside it has one.
-    With as many values the other law must do better.
+    until the stop has a name, a weight for a spring until the relaxation beside it has one, and a
+    relaxation for a spring as long as the bristles beside it have the form that they have without
+    either.  With such shapes about it need not act alike.  With as many values the other law must
+    do better.
     """
     own = next((r for r in rated if _own(r, c)), None)
     if own is None:
         return None
     shaped = any(f is not c and f.joint == c.joint and f.term.effect.shape for f in search.found)
-    alike = [
+    some = [
         r
         for r in rated
         if r is not own
@@ -396,10 +398,12 @@ def _suiting(
         and (r.candidate.name, c.term.joint) not in search.refused
         and (shaped or r.removed > (1 - DISCREPANCY) * own.removed)
         and not (c.term.effect.scope.whole or r.candidate.term.effect.scope.whole)
-        and overlap(r.candidate, c, projector) > SAME_COSINE
     ]
+    some.sort(key=lambda r: r.after)
+    alike = [r for r in some if overlap(r.candidate, c, projector) > SAME_COSINE][:STARTS]
+    others = [r for r in some if shaped and all(r is not a for a in alike)][:STARTS]
     now, most = search.now, search.score(_refitted(own, search.now))
-    for r in sorted(alike, key=lambda r: r.after)[:STARTS]:
+    for r in alike + others:
         rung = _in_place(search, c, r.candidate)
         gain = paired((now.errors.squared - rung.errors.squared)[:, c.joint])
         least = RISEN if r.candidate.dof == c.dof else -RISEN

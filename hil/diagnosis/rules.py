@@ -206,14 +206,20 @@ def _discrepancy(case: RuleCase) -> str:
     No name is given to that; a correction may take it.  Friction is no inaccuracy of a mass or a
     spring: those are laws of posture and acceleration, which dissipate nothing, and smooth ones, so
     that a ripple over the position is none either.  Nor is what halves the error, down to the noise
-    floor or to a tenth of what is above it: no other law fits what a law misses so well.
+    floor or to a tenth of what is above it: no other law fits what a law misses so well, but for a
+    series over its variable.
     """
     r = case.rated
     if Trait.CORRECTION in r.candidate.term.effect.traits:
         return ""
     small = r.removed <= inaccuracy(case.search, r.candidate, r.joint, r.before)
-    alone = to_the_floor(r.before, r.after, r.joint, case.evidence)
-    return INACCURATE if small and not alone else ""
+    return INACCURATE if small and not _does_all(r, r.before, r.after, case.evidence) else ""
+
+
+def _does_all(r: Rated, before: float, after: float, evidence: Evidence) -> bool:
+    """Whether a law that is no series takes the error of its joint to the floor."""
+    series = Trait.SERIES in r.candidate.term.effect.traits
+    return not series and to_the_floor(before, after, r.joint, evidence)
 
 
 def to_the_floor(before: float, after: float, j: int, evidence: Evidence) -> bool:
@@ -403,7 +409,7 @@ def _outgrows(case: Refit) -> str:
         return ""
     old, new = (float(x.errors.power[j]) for x in (case.before, case.after))
     small = old - new <= inaccuracy(search, c, j, old)
-    return INACCURATE if small and not to_the_floor(old, new, j, search.last) else ""
+    return INACCURATE if small and not _does_all(case.rated, old, new, search.last) else ""
 
 
 @_fit("never-rises")

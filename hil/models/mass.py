@@ -525,6 +525,7 @@ class PositionTorque(Effect):
         ),
         BOUNDS,
     )
+    traits = Trait.SERIES
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Chebyshev polynomials T0..T6, straight on beyond the range."""

@@ -168,6 +168,8 @@ class Trait(Flag):
     JUMPS = auto()
     #: A stop of the joint's range; its shape is (position, side).
     STOP = auto()
+    #: A series over a variable: it follows whatever another law of that variable misses.
+    SERIES = auto()
 
 
 class Sight(Flag):
