@@ -14,7 +14,9 @@ NAMED = {
 FIRST, SECOND, AGAIN = NAMED
 
 
-@pytest.mark.parametrize("name", [FIRST, SECOND, pytest.param(AGAIN, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", [FIRST, *(pytest.param(x, marks=pytest.mark.slow) for x in (SECOND, AGAIN))]
+)
 def test_nothing_is_named_where_nothing_is_hidden(name):
     (case,) = (c for c in cases.plan() if c.name == name)
     row = runner.judge(case)

@@ -58,7 +58,8 @@ KNOWN = {
 
 @needs_data
 @pytest.mark.parametrize(
-    "name", [pytest.param("umn_grasper", marks=pytest.mark.slow), "wam_follower", "ur10"]
+    "name",
+    [*(pytest.param(x, marks=pytest.mark.slow) for x in ("umn_grasper", "wam_follower")), "ur10"],
 )
 def test_person_on_recordings(name, monkeypatch):
     # the published figures are of rows among which a joint that creeps while it sticks still moves

@@ -26,7 +26,7 @@ def answer(*runs: Recording):
     [
         plants.further((1.2, 0, 0), "inertia", "N m s^2/rad"),
         ((2.4, 0, 0), "inertia", "N m s^2/rad"),
-        ((0, 0, 3.0), "stiffness", "N m/rad"),
+        plants.further((0, 0, 3.0), "stiffness", "N m/rad"),
         plants.further((0, -0.7, 0), "Coulomb friction", "N m"),
     ],
 )

@@ -8,7 +8,7 @@ from hil.diagnosis.artefacts import POSITION_NOISE, coarse
 from hil.identify.problem import Problem
 
 
-@pytest.mark.parametrize("counts", [2000, 4000])
+@pytest.mark.parametrize("counts", plants.seeds(2000, 4000))
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_missing_behind_a_coarse_encoder(counts, seed):
     run, other = plants.counted_loop(seed, counts), plants.counted_loop(seed + 10, counts)

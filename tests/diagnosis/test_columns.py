@@ -111,7 +111,7 @@ def sprung(seed: int = 1) -> Recording:
     return replace(run, tau=run.tau + 0.3 * (run.q - 0.3) * [0.0, 1.0])
 
 
-@pytest.mark.parametrize("make", [lambda: plants.planar(1, seconds=12.0), sprung])
+@pytest.mark.parametrize("make", [plants.further(lambda: plants.planar(1, seconds=12.0)), sprung])
 def test_efforts_of_wrong_sign_on_an_arm_are_told_though_an_effect_is_hidden(make):
     run = make()
     ((code, text),) = wrong(replace(run, tau=-run.tau))

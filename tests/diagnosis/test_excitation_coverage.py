@@ -24,6 +24,7 @@ FAST = plants.axis_on_tones([0.9, 1.7], [1.2, 0.5])
 SLOW = plants.axis_on_tones([0.11, 0.23], [0.3, 0.15])
 
 
+@pytest.mark.slow
 def test_fast_motion_hides_friction_that_rises_at_low_speed_only():
     # 50 % of Coulomb friction within 0.03 rad/s of a motion that goes to 10 rad/s
     hidden = answer(plants.axis_on_tones([0.9, 1.7], [1.2, 0.5], low=0.1, noise=0.05))
@@ -33,6 +34,7 @@ def test_fast_motion_hides_friction_that_rises_at_low_speed_only():
     assert "stribeck" not in shown(answer(SLOW))
 
 
+@pytest.mark.slow
 def test_few_reversals_hide_what_happens_behind_them():
     few = answer(plants.axis_on_tones([0.11], [0.5], seconds=14.0))
     assert {"presliding", "backlash"} <= shown(few)

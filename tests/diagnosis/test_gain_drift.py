@@ -103,6 +103,7 @@ def test_friction_that_cools_under_gravity_is_no_gain() -> None:
     assert {f.effect for f in d.findings} == {"friction-drift"}
 
 
+@pytest.mark.slow
 def test_a_gain_that_stays_does_not_drift() -> None:
     d = diagnosed(lambda t, v, tau: tau)
     assert (d.verdict, d.findings) == ("adequate", [])

@@ -43,6 +43,7 @@ def _axis(seed, extra=None):
     return plants.smooth_axis(seed, seconds=12.0, rate=250.0, extra=extra)
 
 
+@pytest.mark.slow
 def test_zeros_of_a_sensor_that_differ_from_run_to_run_are_values_of_every_run():
     zeros = (0.0, 0.3, -0.2, 0.5)
     runs = [_axis(k, extra=lambda t, q, v, a, z=z: z) for k, z in enumerate(zeros)]
@@ -191,6 +192,7 @@ def test_a_low_pass_of_the_recorded_efforts_is_undone(poles, hz):
     assert len(said) == 1 and "low-pass" in said[0]
 
 
+@pytest.mark.slow
 def test_a_model_file_holds_the_filter_that_was_undone(tmp_path):
     runs = [_filtered(seed, 2, 7.0, lambda t, q, v, a: 3.0 * np.sin(q)) for seed in (1, 2)]
     d = hil.diagnose(runs[:1], hil.base_model(runs[0].robot), runs[1:])

@@ -89,6 +89,7 @@ def test_friction_that_builds_up_is_no_lateness():
     assert [f.effect for f in d.findings] == ["presliding"]
 
 
+@pytest.mark.slow
 def test_friction_that_is_bent_over_the_speed_is_no_lateness():
     """Eight seconds at 100 Hz: half a sample was taken out, and the Stribeck curve had no name."""
 
@@ -185,6 +186,7 @@ def test_a_lateness_that_doubles_the_error_in_the_end_is_not_taken(seed):
     assert error[0] < 0.9 * error[1]
 
 
+@pytest.mark.slow
 def test_a_sign_that_fast_runs_do_not_show_is_not_as_blunt_as_they_allow():
     """Of a width that may be anything up to a tenth of the speed, the middle errs least."""
     rng, t = np.random.default_rng(2), np.arange(15000) / 500.0

@@ -114,6 +114,7 @@ def test_how_late_efforts_are_is_sought_anew_beside_the_added_effect(late: float
     assert after.step.result.relative[0] < 0.22
 
 
+@pytest.mark.slow
 def test_a_model_is_compared_as_it_is_without_a_fit() -> None:
     one, other = plants.stribeck_axis(1), plants.stribeck_axis(2)
     fitted = hil.fit(one, base_model(one.robot) + "stribeck")

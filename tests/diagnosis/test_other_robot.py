@@ -45,6 +45,7 @@ def test_a_run_too_short_to_simulate_has_no_multi_step_error() -> None:
     assert np.isfinite(found.heldout.rms).all()
 
 
+@pytest.mark.slow
 def test_a_run_of_fewer_instants_than_coefficients_has_noise() -> None:
     """The largest model follows all of it: its residual is no noise band."""
     found = compare([plants.three_joints(AXES, 0.7)], base_model(AXES))

@@ -167,6 +167,7 @@ def test_the_run_that_carries_a_body_has_it_where_it_comes_first() -> None:
     assert np.all(hil.fit(empty, model).relative < 2 * answer.ladder[-1].result.relative)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_runs_changes_once(monkeypatch) -> None:
     """Where two runs carry as much, each may seem the lighter one beside the other."""
     runs = [plants.serial_arm(2, k, axes=PITCH, seconds=8.0) for k in (1, 2)]
@@ -178,6 +179,7 @@ def test_the_order_of_the_runs_changes_once(monkeypatch) -> None:
     assert len(asked) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
 def test_two_runs_alike_have_no_payload(seed: int) -> None:
     runs = [plants.serial_arm(3, 10 * seed), plants.serial_arm(3, 10 * seed + 1)]

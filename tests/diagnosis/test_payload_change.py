@@ -80,6 +80,7 @@ def test_what_changes_on_one_joint_is_no_load_and_nothing_that_imitates_it(chang
     assert found.at == pytest.approx(plants.INSTANT, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_an_arm_that_carries_the_same_all_the_time_lacks_nothing(seed):
     assert answer(plants.pickup(seed, "none")).verdict == "adequate"

@@ -85,6 +85,7 @@ def test_exchanged_efforts_are_bad_data():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elbow", [1.0, 1.2])
 def test_what_is_found_does_not_depend_on_the_threads(elbow, monkeypatch):
     run, one = diagnosed(elbow)

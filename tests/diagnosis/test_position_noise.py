@@ -31,6 +31,7 @@ def test_nothing_is_named_behind_a_very_coarse_one(seed):
     assert any(code == POSITION_NOISE for code, _ in d.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", plants.seeds(5, 1, 2, 3, 4, 6))
 def test_a_servo_that_rings_at_its_stops_has_no_play(seed):
     """Its encoder is fine, but a small motion that is fast makes much of its counts."""
@@ -41,6 +42,7 @@ def test_a_servo_that_rings_at_its_stops_has_no_play(seed):
     assert "comes from the noise of the measured positions" in told
 
 
+@pytest.mark.slow
 def test_it_holds_on_other_data_too():
     fit, held = plants.rough_encoder_axis(1e-4, 1), plants.rough_encoder_axis(1e-4, 2)
     d = hil.diagnose([fit], hil.base_model(fit.robot), [held])

@@ -141,6 +141,7 @@ def test_friction_over_its_own_position_is_not_the_other_joints() -> None:
     assert {f.effect for f in d.findings} == {"position-friction"}
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_friction_stays() -> None:
     d = diagnosed(lambda q, v, a: 0.0 * v[:, 1])
     assert (d.verdict, d.findings) == ("adequate", [])

@@ -40,6 +40,7 @@ def test_steps_of_the_motors_effort_are_found_said_and_taken_into_account(seed, 
     assert error[0] < 0.3 * error[1]
 
 
+@pytest.mark.slow
 def test_efforts_that_are_recorded_as_they_are_sent_need_no_word():
     d = diagnosed(plants.stepped_axis(1, STEP, sent=True))
     assert d.verdict == "adequate" and not told(d)
@@ -51,6 +52,7 @@ def test_a_law_beside_the_steps_has_its_name_and_nothing_stands_for_the_steps():
     assert [f.effect for f in d.findings] == ["spring"] and told(d)
 
 
+@pytest.mark.slow
 def test_held_out_runs_are_taken_in_the_same_steps():
     train, other = (plants.stepped_axis(k, STEP) for k in (1, 2))
     d = hil.diagnose([train], hil.base_model(train.robot), [other])

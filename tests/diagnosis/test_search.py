@@ -76,6 +76,7 @@ def test_a_second_effect_is_judged_by_what_is_left_now():
     assert set(named(d)) == {"asymmetric-viscous", "spring"}
 
 
+@pytest.mark.slow
 def test_what_did_not_hold_may_hold_beside_a_larger_model(monkeypatch):
     """The first of two effects that is asked holds beside the other one alone: it comes second."""
     asked = []

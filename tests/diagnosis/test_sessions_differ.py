@@ -42,7 +42,7 @@ def said(d) -> list[str]:
             "cogging would explain 100 % of the error above the noise in monday, and "
             "friday does not show it",
         ),
-        (
+        plants.further(
             "",
             "cogging",
             "cogging would explain 100 % of the error above the noise in friday, and "
@@ -52,7 +52,7 @@ def said(d) -> list[str]:
         pytest.param("", "offset", "torque-offset", marks=pytest.mark.slow),
         pytest.param("offset", "", "torque-offset", marks=pytest.mark.slow),
         ("", "coulomb", "another j2.coulomb.fc (+0.25 N m) would explain 100 %"),
-        ("", "gain", "all efforts of the joint scaled by 1.15"),
+        plants.further("", "gain", "all efforts of the joint scaled by 1.15"),
     ],
 )
 def test_what_only_one_session_holds_is_said_with_its_effect(ours, theirs, says):
@@ -82,6 +82,7 @@ def test_a_motion_that_says_too_little_is_told_from_another_rig():
     assert any("does not determine the parameters that matter in fast" in x for x in said(d))
 
 
+@pytest.mark.slow
 def test_what_the_fitted_motion_could_not_show_is_no_difference():
     # fast strokes hide what happens at low speed
     fit, held = (
@@ -106,6 +107,7 @@ def test_what_a_model_lacks_in_both_sessions_is_no_other_rig():
     assert "the sessions differ" not in told and "one state of the rig" not in told
 
 
+@pytest.mark.slow
 def test_fitted_sessions_of_two_states_get_one_piece_of_advice():
     """A brake that drags in one of two fitted sessions; the held-out one is like the other."""
     runs = [
@@ -166,11 +168,13 @@ def test_the_headline_is_about_the_joint_that_is_worst_now():
     assert "joint2" in headline(replace(m, partial=[withheld]))
 
 
+@pytest.mark.slow
 def test_without_held_out_sessions_nothing_is_compared():
     run = plants.two_axes("cogging", 1, "monday")
     assert said(diagnose([run], base_model(run.robot))) == []
 
 
+@pytest.mark.slow
 def test_motions_are_foreseen_once_for_all_that_cannot_be_told_apart(monkeypatch):
     d, seen, asked = answer("cogging", ""), [], []
     menu, look = equivalence.choose.menu, equivalence.Planner._look

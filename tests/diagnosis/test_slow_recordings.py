@@ -18,7 +18,7 @@ def test_moves_of_few_samples_are_no_effect(seed, rate):
     assert values["rigid-body.m"] == pytest.approx(0.1, rel=2e-3)
 
 
-@pytest.mark.parametrize("width", [0.15, 0.6])
+@pytest.mark.parametrize("width", [0.15, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_a_lubricated_slide_lacks_nothing(width):
     """A sign that turns over much of the speed was load friction, saturation or Stribeck's."""
 

@@ -132,6 +132,7 @@ def test_a_mass_that_swings_slower_than_the_motion_is_found(frequency: float, ze
     assert values["m"] == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "effect"),
     [

@@ -55,6 +55,7 @@ def test_a_crank_has_its_name_and_its_inertia():
     assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 10
 
 
+@pytest.mark.slow
 def test_what_a_cam_costs_is_a_function_of_the_angle_within_a_turn():
     d = diagnosed(cam)
     assert "correction-turn" in {c.effect for c in d.corrections}
@@ -88,6 +89,7 @@ def test_an_inertia_stays_above_zero(inertia, none):
     assert bool(refused(effect, seen, 0, (1 / (2 * np.pi),), beta, ())) == none
 
 
+@pytest.mark.slow
 def test_a_gear_that_grinds_nine_times_a_turn_is_named_over_ten_turns():
     """Ninety periods over the range, beside a weight whose rope winds up: both have their names."""
     d = diagnosed(lambda q, v, a: 0.05 * q + 0.03 * np.sin(9 * q + 1.0))

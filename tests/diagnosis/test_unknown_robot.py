@@ -264,6 +264,7 @@ def test_a_shape_at_the_end_of_its_range_is_doubtful_above_the_floor(end, left, 
     assert ("end of what was searched: Stribeck speed" in told.reason) is left
 
 
+@pytest.mark.slow
 def test_a_withheld_name_beside_an_unknown_geometry_is_no_missing_effect():
     d = copy(diagnosed())
     (name,) = diagnosed(0.8).findings

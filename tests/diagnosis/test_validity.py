@@ -103,7 +103,9 @@ def test_files_without_a_range_and_with_a_wrong_one(tmp_path):
         read_model(path)
 
 
-@pytest.mark.parametrize("effect", ["spring", "position-torque"])
+@pytest.mark.parametrize(
+    "effect", ["spring", pytest.param("position-torque", marks=pytest.mark.slow)]
+)
 def test_a_law_over_the_range_foretells_a_session_of_another_range(tmp_path, effect):
     """Its values refer to the range that it was fitted on, which the file keeps."""
 

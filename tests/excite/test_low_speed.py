@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import plants
 import pytest
 
 from hil.cli import main
@@ -61,7 +62,7 @@ def test_stribeck_is_named_after_the_motion_proposed_and_not_after_a_fast_one(
 
 
 @pytest.mark.parametrize("speed", [3.0, 10.0])
-@pytest.mark.parametrize("effect", ["stribeck", "presliding", "stribeck,presliding"])
+@pytest.mark.parametrize("effect", plants.seeds("stribeck", "presliding", "stribeck,presliding"))
 def test_a_motion_that_dwells_at_low_speed_comes_before_fast_strokes(
     effect, speed, tmp_path, capsys
 ):

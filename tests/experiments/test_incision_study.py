@@ -23,6 +23,7 @@ def test_a_held_shaft_bears_moments_at_its_tip_and_forces_along_it_alone():
     assert found == pytest.approx([angle * deep, 0.0, 1e-3])
 
 
+@pytest.mark.slow
 def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path):
     rig = load_rig("surgical", {"simulation": {"truth_seed": 1}})
     found = np.array(incision.fitted(rig, "follower", tmp_path, 1))

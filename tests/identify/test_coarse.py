@@ -13,7 +13,7 @@ from hil.record.recording import RobotSource
 AXIS = base_model(RobotSource("single-axis"))
 
 
-@pytest.mark.parametrize("peak", [0.0, 2.0])
+@pytest.mark.parametrize("peak", [pytest.param(0.0, marks=pytest.mark.slow), 2.0])
 def test_noise_of_two_thousand_counts_gets_no_name(peak: float) -> None:
     d = diagnose([plants.geared_axis(2000, 1, peak)], AXIS, [plants.geared_axis(2000, 2, peak)])
     assert {f.effect for f in d.findings} <= ({"stribeck"} if peak else set())

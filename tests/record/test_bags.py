@@ -380,6 +380,7 @@ def test_a_dry_run_shows_what_would_be_taken_of_a_bag(plain, tmp_path, capsys):
     assert "--dry-run shows what would be read" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_topics_of_another_arm_that_is_taken_are_not_told_as_unused(tmp_path, capsys):
     """Two arms by CRTK's names: each says what nobody took, and faults say whose they are."""
     run = plants.joints(d=2)

@@ -62,6 +62,7 @@ def test_the_command_tells_it(sessions, capsys):
     assert main([*words, str(sessions / "no.mcap")]) == 2
 
 
+@pytest.mark.slow
 def test_interpreters_are_compared_and_named(monkeypatch):
     monkeypatch.setattr(determinism, "RIGS", ("teleop",))
     found = determinism.compare([sys.executable, sys.executable], 0.05)

@@ -433,7 +433,7 @@ def test_a_capture_of_the_dvrk(tmp_path):
     np.testing.assert_allclose(found.tau[:, 6], np.sin(7 * t), atol=1e-12)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_a_data_set_of_lerobot(tmp_path, version, capsys):
     folder = tmp_path / "set"
     (folder / "meta").mkdir(parents=True)

@@ -507,6 +507,7 @@ def streamed(*words):
     return program, f"ws://127.0.0.1:{port}"
 
 
+@pytest.mark.slow
 def test_a_session_that_is_over_waits_for_its_viewer():
     client = pytest.importorskip("websockets.sync.client")
     program, address = streamed()

@@ -38,6 +38,7 @@ def errors(widget):
     return [float(x) for x in re.findall(r"\(([\d.]+) floors\)", shown(widget))]
 
 
+@pytest.mark.slow
 def test_the_chosen_candidate_is_added_and_the_errors_fall(begun):
     assert isinstance(begun, LadderWidget)
     (before,) = percents(begun)

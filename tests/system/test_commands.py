@@ -69,7 +69,7 @@ def test_diagnose_json_names_the_drag(answer):
     assert {"candidates", "remaining", "indistinguishable", "warnings"} <= set(out)
 
 
-@pytest.mark.parametrize("name", ["diagnose", "improve"])
+@pytest.mark.parametrize("name", ["diagnose", pytest.param("improve", marks=pytest.mark.slow)])
 def test_both_errors_of_every_rung_are_shown(session, answer, capsys, name):
     assert main([name, str(session[0]), "--holdout", str(session[1]), "--verbose"]) == 0
     one, multi = capsys.readouterr().out.split("simulated error, 0.5 s")
@@ -98,7 +98,7 @@ def test_a_law_of_contact_has_no_multi_step_error(tmp_path, capsys):
     assert "simulated error" not in said and "inf" not in said
 
 
-@pytest.mark.parametrize("name", ["diagnose", "improve"])
+@pytest.mark.parametrize("name", [pytest.param("diagnose", marks=pytest.mark.slow), "improve"])
 def test_the_improved_model_is_written_and_adequate(session, tmp_path, capsys, name):
     better = tmp_path / "better.toml"
     code, out = run(capsys, name, session[0], "--holdout", session[1], "-o", better, "--json")

@@ -282,6 +282,7 @@ def scaled_rig(tmp_path, **changes):
     return str(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -480,6 +481,7 @@ def swung(own, robots, posture, share, wall, seconds):
     return np.array(seen)
 
 
+@pytest.mark.slow
 def test_what_the_gate_says_of_joint_coupling_is_what_the_bodies_do(tmp_path):
     """Refused: the mode that is named grows as told; let pass: none does, in the same place."""
     worst, own, robots = margin_of(two_arms(tmp_path, bandwidth_hz=12.0))
