@@ -350,6 +350,24 @@ def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped
         assert bool(rules.FIT["outgrows"](one)) is refused
 
 
+@pytest.mark.parametrize(("effect", "stopped"), [("spring", False), ("position-torque", True)])
+def test_a_series_does_all_that_a_law_misses(effect: str, stopped: bool) -> None:
+    """A polynomial over the position follows what a stop's law is off, down to the noise."""
+    one = case(effect)
+    one.rated.before, one.rated.removed, one.rated.after = 0.02, 0.0199, 1e-4
+    one.search = SimpleNamespace(
+        base=SimpleNamespace(errors=SimpleNamespace(power=np.array([2.02]))),
+        problem=SimpleNamespace(d=1),
+    )
+    level = {"exceeded": lambda rms, j: rms[j] > 0.05, "rms": np.array([0.01])}
+    one.evidence = one.search.last = SimpleNamespace(floor=SimpleNamespace(**level))
+    assert bool(rules.CANDIDATE["discrepancy"](one)) is stopped
+    one.before, one.after = (
+        SimpleNamespace(errors=SimpleNamespace(power=np.array([x]))) for x in (0.02, 1e-4)
+    )
+    assert bool(rules.FIT["outgrows"](one)) is stopped
+
+
 @pytest.mark.parametrize(("periods", "masses", "stopped"), [(6.0, 1.0, False), (2.0, 1.0, True)])
 def test_a_ripple_is_no_inaccuracy_of_a_mass(periods: float, masses: float, stopped: bool) -> None:
     """Laws of posture are smooth: what turns round ten times over the range is another one."""
