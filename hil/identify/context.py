@@ -477,7 +477,8 @@ class EffortResponse:
         parts: Sequence[tuple[Term, FloatArray]],
         more: Sequence[tuple[Term, FloatArray]] = (),
     ) -> None:
-        self._motion, self._parts, self._more = motion, parts, more
+        # without the response of an earlier fit: it would hold that of the one before, and so on
+        self._motion, self._parts, self._more = replace(motion, response=None), parts, more
         self._unslipped: dict[int, FloatArray] = {}
         self._coriolis: dict[int, FloatArray] = {}
         self._slope: dict[int, FloatArray] = {}

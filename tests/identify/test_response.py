@@ -1,11 +1,14 @@
 """How the effort of a model answers small errors of the motion: against differences of its own."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import plants
 import pytest
 
+from hil.identify.context import update_load
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue
@@ -46,6 +49,34 @@ def test_coriolis_is_the_derivative_of_what_masses_ask_for_by_a_speed(fitted, j)
     expected = (up - down) / 2e-3
     assert np.max(np.abs(expected)) > 0.05
     got = motion.response.coriolis(j)
+    assert np.max(np.abs(got - expected)) < 0.02 * np.max(np.abs(expected))
+
+
+def test_a_response_ends_with_its_fit():
+    """Each had held that of the fit before: on eight joints gigabytes by the end of a search."""
+    run = plants.spatial(1, seconds=4.0)
+    model = base_model(run.robot)
+    first = fit(problem := Problem([run], model.robot), model)
+    every = []
+    for k in range(10):
+        update_load(problem, first.terms, (1 + 0.1 * k) * first.theta, first.slices)
+        every.append(weakref.ref(problem.motions[0].response))
+    gc.collect()
+    # one or two serve columns that are kept
+    assert sum(response() is not None for response in every) < 4
+
+
+def test_what_a_turned_base_adds_is_no_slope_of_a_joint():
+    """Its effort was there along the motion and not beside it: a difference over the step."""
+    run = plants.spatial(1, seconds=8.0)
+    model = base_model(run.robot) + "base-tilt"
+    tilted = fit(Problem([run], model.robot), model)
+    tilted = fit(tilted.problem, model)  # its columns are those of a response, which is there now
+    motion, step = tilted.problem.motions[0], 1e-4 * np.eye(3)[1]
+    masses = _masses(tilted)
+    up, down = (masses(replace(motion, q=motion.q + x)) for x in (step, -step))
+    expected = (up - down) / 2e-4
+    got = motion.response.slope(1)
     assert np.max(np.abs(got - expected)) < 0.02 * np.max(np.abs(expected))
 
 
