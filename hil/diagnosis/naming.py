@@ -414,6 +414,8 @@ def _suiting(
         if not rules.fails(rules.Refit(search, r, now, rung), FORMS):
             _exchanged(search, c, r.candidate, rung)
             return r.candidate
+    if alike or others:
+        renew(now.result)
     return None
 
 
