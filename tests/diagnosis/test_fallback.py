@@ -10,6 +10,7 @@ import pytest
 import hil
 from hil.diagnosis.floor import told
 from hil.diagnosis.types import Explainable
+from hil.models import catalogue
 from hil.report.data import diagnosis_json
 
 
@@ -98,16 +99,33 @@ def test_a_torque_over_two_positions_is_found_in_the_floor():
     assert "its position and that of joint1" in best.text
 
 
-@pytest.mark.slow
-def test_a_harness_over_two_joints_is_foretold_by_both_positions():
-    """The answer had said which two variables carry it, and no correction followed them."""
+def harness():
+    """An arm of which a harness pulls two joints, by the third power of its stretch; two runs."""
     runs = []
     for seed in (1, 2):
         run = plants.arm(seed, seconds=12.0)
         stretch = run.q[:, 0] + 0.6 * run.q[:, 1] - 0.1
-        harness = np.outer(0.4 * stretch**3, [1.0, 0.6, 0.0][: run.d])
-        runs.append(replace(run, tau=run.tau + harness))
-    d = hil.diagnose(runs[0], hil.base_model(runs[0].robot), runs[1])
+        pull = np.outer(0.4 * stretch**3, [1.0, 0.6, 0.0][: run.d])
+        runs.append(replace(run, tau=run.tau + pull))
+    return runs
+
+
+@pytest.mark.slow
+def test_a_harness_over_two_joints_has_its_name_and_its_ratio():
+    run, other = harness()
+    d = hil.diagnose(run, hil.base_model(run.robot), other)
+    assert [f.effect for f in d.findings] == ["coupled-spring"] and not d.corrections
+    values = {k.rsplit(".", 1)[1]: v.value for k, v in d.findings[0].parameters.items()}
+    assert values["k3"] == pytest.approx(0.4, rel=0.02)
+    assert values["r"] == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.slow
+def test_what_pulls_by_two_positions_and_has_no_law_is_foretold_by_both(monkeypatch):
+    """The answer had said which two variables carry it, and no correction followed them."""
+    monkeypatch.delitem(catalogue.table(), "coupled-spring")
+    run, other = harness()
+    d = hil.diagnose(run, hil.base_model(run.robot), other)
     assert {c.effect for c in d.corrections} >= {"correction-posture"}
     assert "its position and another joint's" in {c.of for c in d.corrections}
     after, before = d.ladder[-1].heldout.rms[:2], d.ladder[0].heldout.rms[:2]
