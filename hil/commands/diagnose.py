@@ -251,12 +251,15 @@ def _in_part(values: dict[str, Value], sized: bool) -> list[str]:
 
 
 def _surest(values: dict[str, Value], names: list[str]) -> str:
-    """The value of the least relative standard error; one of a grid, which has none, comes last."""
+    """The value of the least relative standard error; one of a grid, which has none, comes last.
+
+    Zero of such a one says that this part of the law is not there, and nothing of the size.
+    """
     sure = [n for n in names if _sure(values[n], 1.0)]
     if sure:
         return min(sure, key=lambda n: values[n].stderr / abs(values[n].value))
     free = (n for n in names if values[n].identifiable and not values[n].at_bound)
-    return next((n for n in free if not math.isfinite(values[n].stderr)), "")
+    return next((n for n in free if values[n].value and not math.isfinite(values[n].stderr)), "")
 
 
 def _undetermined(values: dict[str, Value], names: list[str]) -> str:

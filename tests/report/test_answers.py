@@ -300,6 +300,13 @@ def test_a_value_that_is_not_determined_is_shown_only_where_there_is_no_other():
     assert _telling(found) == "t0 = 0.02 N m, undetermined"
 
 
+def test_a_part_of_a_law_that_is_not_there_says_nothing_of_its_size():
+    """A spring that the data hardly determine was told as "fl = 0 N m"."""
+    values = {"a": (0.6, 0.1, "1"), "k": (0.01, 0.02, "N m/rad"), "fl": (0.0, NAN, "N m")}
+    told = _telling(finding("elastic-transmission", **values), "0.02 N m")
+    assert told == "0.02 N m rms in total; no value is determined"
+
+
 def test_a_spring_that_carries_a_part_says_so_beside_its_stiffness():
     """A drive whose rotor the model counts to the link showed a stiffness a third too high."""
     values = {"a": (0.75, 2e-4, "1"), "k": (99.9, 0.02, "N m/rad"), "zeta": (0.02, NAN, "1")}
