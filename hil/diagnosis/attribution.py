@@ -99,6 +99,23 @@ def twins(a: Candidate, b: Candidate, projector: Projector) -> bool:
     return same and (several or min(a.chi2, b.chi2) > (1 - DISCREPANCY) * max(a.chi2, b.chi2))
 
 
+def ripples(t: Term, problem: Problem) -> bool:
+    """Whether an effect is a wave over the position that turns round `FEW` times at least."""
+    if not isinstance(t.effect.search, Waves):
+        return False
+    low, high = problem.span[t.joint]
+    return bool(2 * t.shape[0] * (high - low) >= FEW)
+
+
+def pliable(t: Term, problem: Problem) -> bool:
+    """Whether an effect follows any smooth law of its variable: a series, or a wave of few turns.
+
+    The values of a series are no law, so that it is no evidence that they fit by little better.
+    """
+    few = isinstance(t.effect.search, Waves) and not ripples(t, problem)
+    return few or Trait.SERIES in t.effect.traits
+
+
 def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> dict[int, float]:
     """Probability of each of `best` and its rivals, by index (0 = best).
 
@@ -108,7 +125,8 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
     rival (more values) gets an eighth of that allowance if it explains less all the same, and none
     if it explains little more: then it merely contains the best one.  A rival whose columns
     coincide with the best one's to a cosine of 0.98 gets eight times the allowance: the data hardly
-    see the difference.  So does the simple effect of which the best one is the bent form, for no
+    see the difference.  Beside a best one that follows any smooth law every rival has the whole
+    allowance.  So does the simple effect of which the best one is the bent form, for no
     real part is straight.  A twin, with the same columns by its equation, is as likely as the best
     one; a rival that contains another and cannot be put aside for its price is as likely as that
     one.
@@ -135,6 +153,8 @@ def weights(best: Candidate, rivals: list[Candidate], projector: Projector) -> d
             dof == copies and overlap(best, r, projector) > SAME_COSINE
         ):
             share = ALLOWANCE * DISCREPANCY
+        if pliable(best.term, projector.problem):
+            share, most = DISCREPANCY, np.inf
         if mirrored(best, r, projector):
             # which of the two joints it is was decided by the base model's errors
             share, most = 1.0, np.inf

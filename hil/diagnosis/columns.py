@@ -26,6 +26,8 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from hil.diagnosis.attribution import as_use
+from hil.diagnosis.candidates import tried
 from hil.diagnosis.constants import (
     HALF,
     LITTLE,
@@ -36,9 +38,11 @@ from hil.diagnosis.constants import (
     WHOLE,
     WORTH,
 )
+from hil.diagnosis.evidence import terms_to_try
 from hil.diagnosis.grams import Reach
 from hil.diagnosis.postures import TIMES, beside, countings, exchanged, ordered, times
 from hil.diagnosis.preconditions import driven, weighed
+from hil.diagnosis.types import Candidate
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
@@ -47,6 +51,8 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
+#: Codes of what exchanges columns.
+EXCHANGES = ("swapped", "order")
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -73,13 +79,10 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         return []
     found = _other_posture(result, recordings)
     found += _other_efforts(result, recordings, found) if doubtful else []
-    if not found:
-        return []
-    least = min(x.size for x in found)
-    # of what leaves as little, the fewest changes, and masses like the described ones
-    near = [x for x in found if x.size <= (1 + WORTH) * least]
-    best = min(near, key=lambda x: (x.changes, round(x.off, 1), x.size))
-    return [(best.code, best.text)] if best.text else []
+    best = _best(found)
+    if best and best.code in EXCHANGES and _beside_effects(result) < _beside_effects(best.after):
+        best = _best([x for x in found if x.code not in EXCHANGES])
+    return [(best.code, best.text)] if best and best.text else []
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class _Answer:
     size : float
         Error that it leaves [%]; half of it where efforts alone are read in another way, which is
         less to assume than a posture.
+    after : FitResult
+        The fit with it.
     code, text : str
         What is said; no text where an effect of the catalogue says the same.
     changes : int
@@ -100,10 +105,36 @@ class _Answer:
     """
 
     size: float
+    after: FitResult
     code: str
     text: str
     changes: int = 1
     off: float = 0.0
+
+
+def _best(found: Sequence[_Answer]) -> _Answer | None:
+    """Of what leaves as little, the fewest changes, and masses like the described ones."""
+    least = min((x.size for x in found), default=0.0)
+    near = [x for x in found if x.size <= (1 + WORTH) * least]
+    return min(near, key=lambda x: (x.changes, round(x.off, 1), x.size), default=None)
+
+
+def _beside_effects(result: FitResult) -> float:
+    """Error [%] that is left where every joint has the effect of the catalogue that does most.
+
+    Columns are in another order only if less is left so in that order: an arm whose last joint
+    hardly needs an effort but for a spring looked like the same arm with its columns exchanged.
+    """
+    problem, model = result.problem, result.model
+    terms = [t for t in terms_to_try(result)[0] if not t.per_run]
+    best: dict[int, Candidate] = {}
+    for c in sorted(tried(result, terms)[1], key=lambda c: c.gain):
+        if not c.term.effect.scope.whole:
+            best[c.joint] = c
+    for c in best.values():
+        model = model + as_use(c, problem)
+    with problem.aside():
+        return _size(fit(problem, model, sweeps=1))
 
 
 def _off(result: FitResult) -> float:
@@ -128,8 +159,8 @@ def _other_efforts(
         if fits or _freed(after, result):
             if not fits:
                 text = text.replace(FITS, f"the model's error {_falls(after, result)}")
-            size = HALF * _size(after)
-            found.append((rank, _Answer(size, change.code, text, change.entries, _off(after))))
+            size, code = HALF * _size(after), change.code
+            found.append((rank, _Answer(size, after, code, text, change.entries, _off(after))))
             known.append(found[-1][1])
     answers = [x for _, x in sorted(found, key=lambda x: x[0])]
     if either := _out_of_order(result, recordings):
@@ -168,15 +199,15 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
     back, before = [order.index(k) for k in range(len(order))], _size(result)
     efforts = [replace(r, tau=r.tau[:, back]) for r in recordings]
     motions = [replace(ordered(r, order), tau=r.tau) for r in recordings]
-    tried = []
+    fits = []
     for stem, columns, runs in (("tau", back, efforts), ("q", order, motions)):
         after = fit(_again(result, runs), result.model, sweeps=1)
         if _fits(after, before, OPEN) or _freed(after, result):
-            tried.append((_size(after), stem, columns))
-    if not tried:
+            fits.append((_size(after), stem, columns, after))
+    if not fits:
         return []
-    least = min(size for size, *_ in tried)
-    said = [_exchange(stem, x, result.problem.joints) for e, stem, x in tried if HALF * e < least]
+    least, *_, best = min(fits, key=lambda x: x[0])
+    said = [_exchange(stem, x, result.problem.joints) for e, stem, x, _ in fits if HALF * e < least]
     text = f"{said[0][0]}; name the columns in a map ({said[0][1]})"
     if least > OPEN * before:
         text = text.replace(FITS, f"{FITS} better, though not all is explained")
@@ -185,7 +216,7 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
             f". With the positions in another order it fits as well ({said[1][1]}): the program "
             "that wrote the table knows which of the two it exchanged; change only one of them"
         )
-    return [_Answer(HALF * least, "swapped", text, 2)]
+    return [_Answer(HALF * least, best, "swapped", text, 2)]
 
 
 def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple[str, str]:
@@ -386,5 +417,5 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
             said = f"{x.text}, and import again: {what}" if x.text else ""
             if TIMES in said:
                 said = said.replace(TIMES, f"{times(x, after):.2g}")
-            out.append(_Answer(_size(after), x.code, said, x.changes, _off(after)))
+            out.append(_Answer(_size(after), after, x.code, said, x.changes, _off(after)))
     return out

@@ -42,6 +42,7 @@ from hil.diagnosis.constants import (
     WORTH,
 )
 from hil.diagnosis.evidence import floor_of, gather, in_time, terms_to_try
+from hil.diagnosis.floor import practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.errors import DataError, plural
@@ -519,6 +520,8 @@ class _Pair:
 def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
     """Warnings (code, sentence), the last with what to do; none without held-out sessions.
 
+    Nothing is told of joints whose held-out error has no practical size.
+
     Parameters
     ----------
     out : Diagnosis
@@ -530,7 +533,9 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
         return []
     step = out.ladder[-1]
     pair = _Pair(step.result, step.heldout, examine.alone)
-    moves = np.flatnonzero(~pair.fitted.problem.holds & ~pair.alone.problem.holds).tolist()
+    theirs = pair.alone.problem
+    felt = step.heldout.rms > practical(theirs) * theirs.rms(theirs.effort)
+    moves = np.flatnonzero(felt & ~pair.fitted.problem.holds & ~theirs.holds).tolist()
     found = _ours(out, pair, moves) + _theirs(out, pair, moves)
     told = {k for k, text in found if text}
     above = step.heldout.rms > ADEQUATE * out.noise

@@ -24,6 +24,7 @@ from hil.diagnosis.attribution import (
     likelier,
     overlap,
     physical,
+    pliable,
     twins,
 )
 from hil.diagnosis.candidates import (
@@ -505,10 +506,11 @@ def _refitted_rivals(
     Where another effect of the joint has a shape, that was found without either of the two; beside
     it they may look alike though one leaves surely more with the shape that suits it.  Nor is a
     wider law one, of which the named one is a case, that foretells no better; a twin is none of
-    those, nor is a law that acts on other joints, too.  `went` holds those from which the search
+    those, nor is a law that acts on other joints, too, and what follows any smooth law is no case
+    of another.  `went` holds those from which the search
     went on, with the errors that it came to.
     """
-    coarse = {r.candidate.term.key: r.candidate for r in rated}
+    problem, coarse = search.problem, {r.candidate.term.key: r.candidate for r in rated}
     rated = [went.get(r.candidate.term.key, r) for r in rated]
     named = _weighed(search, c, rated, projector)
     keys = {r.term.key for r in named.rivals}
@@ -519,6 +521,7 @@ def _refitted_rivals(
         alone = coarse[r.candidate.term.key]
         wider = (
             alone.dof > c.dof
+            and not pliable(c.term, problem)
             and (c.term.effect.scope.whole or not alone.term.effect.scope.whole)
             and not twins(c, alone, projector)
             and overlap(c, alone, projector) > SAME_COSINE

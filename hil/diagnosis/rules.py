@@ -25,6 +25,7 @@ from hil.diagnosis.attribution import (
     forbidden,
     harmonic,
     kindred,
+    ripples,
     why_not,
 )
 from hil.diagnosis.candidates import Rated
@@ -33,7 +34,6 @@ from hil.diagnosis.constants import (
     BEYOND,
     CERTAIN,
     DISCREPANCY,
-    FEW,
     HALF,
     LEVEL,
     LITTLE,
@@ -237,17 +237,9 @@ def inaccuracy(search: Search, c: Candidate, j: int, without: float) -> float:
     `without`: what they leave.
     """
     explained = float(search.base.errors.power[j]) - without
-    if c.term.effect.family == "friction" or _ripples(c.term, search):
+    if c.term.effect.family == "friction" or ripples(c.term, search.problem):
         explained -= search.of_conservative(j)
     return DISCREPANCY * max(explained, 0.0)
-
-
-def _ripples(t: Term, search: Search) -> bool:
-    """Whether an effect is a wave over the position that turns round `FEW` times at least."""
-    if not isinstance(t.effect.search, Waves):
-        return False
-    low, high = search.problem.span[t.joint]
-    return bool(2 * t.shape[0] * (high - low) >= FEW)
 
 
 @_candidate("physical")

@@ -244,3 +244,17 @@ def test_which_session_differs_does_not_depend_on_their_order(first):
     (change,) = changes(fit(Problem(given, given[0].robot), hil.base_model(given[0].robot)))
     assert (change.run, change.what) == ("odd", "viscous friction")
     assert change.value == pytest.approx(0.4, rel=0.2)
+
+
+@pytest.mark.parametrize("make", [plants.planar, plants.further(plants.spatial)])
+def test_a_strong_spring_on_the_last_joint_is_no_other_order_of_the_columns(make):
+    """The last joint of an arm hardly needs an effort: with the columns exchanged more was left."""
+    runs = []
+    for seed in (1, 2):
+        run = make(seed, seconds=10.0)
+        tau, q = run.tau.copy(), run.q[:, -1]
+        tau[:, -1] += 3.0 * np.std(tau[:, -1]) / np.std(q) * (q - 0.2)
+        runs.append(replace(run, tau=tau))
+    d = hil.diagnose(runs[0], hil.base_model(runs[0].robot), runs[1])
+    assert [(f.effect, f.joint) for f in d.findings] == [("spring", runs[0].joints[-1])]
+    assert d.findings[0].confidence > 0.95
