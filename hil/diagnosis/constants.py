@@ -66,8 +66,9 @@ WORTH = 0.03
 #: beside simulated physics of another form.  Half: more names for what a first law's form leaves;
 #: double: second effects below a fortieth go unnamed, right names of small effects lose weight.
 DISCREPANCY = 0.0125
-#: How well a floor is known, and a tenth as a size.  Two floors by different ways, tuning plants.
-#: Half: right answers become *unexplained*; double: effects of half a floor are overlooked.
+#: How well a floor is known, a tenth as a size, and the part of a run that is its beginning or end.
+#: Two floors by different ways, tuning plants.  Half: right answers become *unexplained*, and how a
+#: run begins is told as a change; double: effects of half a floor are overlooked.
 TENTH = 0.10
 #: Error over the measured noise floor that counts as met.
 ADEQUATE = 1 + TENTH

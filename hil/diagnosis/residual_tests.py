@@ -43,7 +43,6 @@ from hil.diagnosis.constants import (
     FLOOR_SHARE,
     HALF,
     LEVEL,
-    LITTLE,
     NEAR_FLOOR,
     PERIODS,
     SURE,
@@ -255,13 +254,14 @@ def _later(problem: Problem, cut: Cut) -> NDArray[np.bool_]:
 
 
 def _at_an_end(problem: Problem, c: FloatArray, cut: Cut) -> bool:
-    """Whether a column (n,) has next to nothing in its run on one side of an instant.
+    """Whether a column (n,) has less than a tenth of it in its run on one side of an instant.
 
-    What changes there is how the run begins or ends, and no other state of the rig.
+    What changes there is how the run begins or ends, and no other state of the rig: a spring that
+    yields or a mass that swings is not at rest when a recording starts.
     """
     later, own = _later(problem, cut), problem.run == cut[0]
     whole, after = float(c[own] @ c[own]), float(c[later] @ c[later])
-    return min(after, whole - after) < LITTLE * whole
+    return min(after, whole - after) < TENTH * whole
 
 
 def _columns(result: FitResult, j: int) -> FloatArray:

@@ -65,7 +65,8 @@ def test_of_two_sessions_the_other_one_as_a_whole():
 
 def test_how_a_run_begins_is_no_other_state_of_the_rig():
     run = plants.two_axes("", 1, "lead")
-    for until, expected in ((0.15, []), (2.0, ["effort at rest"])):
+    early = 0.07 * float(run.t[-1])
+    for until, expected in ((0.15, []), (early, []), (3 * early, ["effort at rest"])):
         tau = run.tau.copy()
         tau[run.t < until, 1] += 0.6
         result = fit_aligned(
