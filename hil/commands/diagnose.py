@@ -30,7 +30,7 @@ from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.effect import VALUE_DEVIATIONS, Effect, Lines, Trait, Waves
-from hil.models.model import Value, in_words, remark
+from hil.models.model import SIGN, Value, in_words, remark
 from hil.models.motion import FloatArray
 from hil.models.parts import JOINT
 from hil.record.checks import OF_UNITS
@@ -65,7 +65,7 @@ SURER = 0.1
 SENTENCES = {
     "missing-effect": "missing-effect: the given model lacks what is named below.",
     "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
-    "unexplained": "unexplained: an effect is missing, and none in the catalogue explains it.",
+    "unexplained": "unexplained: an effect is missing; none of the catalogue passes every test.",
     "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
     "bad-data": "bad-data: the recording has faults; a fit of it would be meaningless.",
 }
@@ -229,7 +229,9 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
             best = max(like, key=lambda n: abs(short[n].value))
             lasts = [p.name for p in kind.shape if p.size and p.unit == "s"]
             told = [n for n in lasts if n in short and _sure(short[n], VALUE_DEVIATIONS)]
-            return ", ".join(common.value_line(n, short[n]) for n in (best, *told))
+            size_told = ", ".join(common.value_line(n, short[n]) for n in (best, *told))
+            more = [n for n in _where(short, kind) if n not in told]
+            return "; ".join([size_told, *(common.value_line(n, short[n]) for n in more)])
     shapes = [p for p in kind.shape if p.name in short and p.unit != "1"]
     shaped = [p.name for p in shapes]
     size = [p.name for p in shapes if p.size and _sure(short[p.name], VALUE_DEVIATIONS)]
@@ -238,6 +240,23 @@ def _sized(short: dict[str, Value], kind: Effect, contribution: str) -> str:
     if contribution:
         return f"{contribution} rms in total; no value is determined"
     return _undetermined(short, [*sized, *shaped, *own])
+
+
+def _where(short: dict[str, Value], kind: Effect) -> list[str]:
+    """Shape values that a reader needs beside the size: a speed, a place, a frequency, a ratio.
+
+    Those that the data determine, or that ended on a bound: the size then holds with that only.
+    """
+    own = [p for p in kind.shape if p.name in short and not (p.choice or p.tuned)]
+    if kind.variation.sudden:  # its instant is told by itself
+        own = [p for p in own if p.unit != "s"]
+    named = [p.name for p in own if p.name != SIGN]
+    told = [n for n in named if _sure(short[n], VALUE_DEVIATIONS) or short[n].at_bound]
+    return told[:_SHAPES]
+
+
+#: Shape values beside the size of an effect.
+_SHAPES = 2
 
 
 def _in_part(values: dict[str, Value], sized: bool) -> list[str]:

@@ -337,7 +337,7 @@ def headline(m: Material) -> str:
                 f"All joints are at the noise floor, but the remaining error of {no_noise} is not "
                 "noise."
             )
-        return f"An effect is missing on {joint}, and none in the catalogue explains it."
+        return f"An effect is missing on {joint}; none of the catalogue passes every test."
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":

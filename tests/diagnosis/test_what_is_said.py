@@ -144,7 +144,9 @@ def test_each_figure_of_what_is_left_has_its_model(half_named):
 def test_an_unexplained_joint_is_in_the_verdict(half_named):
     d = replace(half_named, verdict="unexplained", findings=[])
     first = short(d, ladder(d), None).splitlines()[0]
-    assert first.endswith("an effect is missing on joint2, and none in the catalogue explains it.")
+    assert first.endswith(
+        "an effect is missing on joint2; none of the catalogue passes every test."
+    )
 
 
 def asked_again(monkeypatch, verdict, was, now, rise, **said):

@@ -120,7 +120,7 @@ NAN = float("nan")
                 **{"f2": (0.0, 8e-4, "N m"), "f3": (0.012, 5e-4, "N m")},
                 **{"s": (0.0057, 1e-4, "rad"), "form": (1.0, NAN, "")},
             },
-            "f3 = 0.012 +- 0.0005 N m",
+            "f3 = 0.012 +- 0.0005 N m; s = 0.0057 +- 0.0001 rad",
         ),
         (
             "cogging",
@@ -171,7 +171,7 @@ NAN = float("nan")
         (
             "stribeck",
             {"fs": (0.9, 0.6, "N m"), "vs": (0.06, 0.001, "rad/s"), "n": (2.0, NAN, "1")},
-            "fs = 0.9 +- 0.6 N m",
+            "fs = 0.9 +- 0.6 N m; vs = 0.06 +- 0.001 rad/s",
         ),
         (  # a level that this form has not comes before the one that it has
             "presliding",
@@ -179,7 +179,7 @@ NAN = float("nan")
                 **{"f0": (0.0, 5e-4, "N"), "f1": (0.0, 1.5e-3, "N"), "f2": (2.2, 1.6e-3, "N")},
                 **{"s": (2.7e-5, 2e-8, "m"), "form": (1.0, NAN, "1"), "vs": (0.0, NAN, "m/s")},
             },
-            "f2 = 2.2 +- 0.0016 N",
+            "f2 = 2.2 +- 0.0016 N; s = 2.7e-05 +- 2e-08 m",
         ),
         (
             "friction-drift",
@@ -221,6 +221,15 @@ def test_friction_over_another_joint_is_told_over_that_ones_range():
     values |= {"q0": (-1.0, NAN, "m"), "joint": (2.0, NAN, "1")}
     said = _telling(finding("posture-friction", **values), "", two_joints(-1.0, 1.0))
     assert said == "changes by 6.12 N m: least at slide = -0.75 m, most at slide = 1 m"
+
+
+def test_a_shape_on_its_bound_is_told_beside_the_size_that_holds_with_it():
+    """A peak of friction of three times its size, at a speed that the data did not show."""
+    values = {"fs": (1.67, 0.12, "N m"), "n": (0.5, 0.02, "1")}
+    found = finding("stribeck", **values)
+    name = "j1.stribeck.vs"
+    found.parameters[name] = replace(Value(0.021, NAN, "rad/s"), at_bound=True)
+    assert _telling(found).startswith("fs = 1.67 +- 0.12 N m; vs = 0.021 rad/s, on its bound")
 
 
 def test_of_coefficients_in_several_units_one_that_is_well_determined_is_told():

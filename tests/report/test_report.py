@@ -155,7 +155,7 @@ def test_adequate(tmp_path: Path) -> None:
 def test_unexplained_with_partial(drag: Diagnosis, tmp_path: Path) -> None:
     partial: list[Finding] = drag.findings
     page = written(replace(drag, verdict="unexplained", findings=[], partial=partial), tmp_path)
-    assert "none in the catalogue explains it" in page.text
+    assert "none of the catalogue passes every test" in page.text
     assert "Best partial explanation: quadratic-drag on joint2" in page.text
 
 
