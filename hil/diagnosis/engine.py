@@ -606,7 +606,8 @@ def finding(
     """One effect of the last model, with what it explains and how sure its name is."""
     problem, c, j = search.problem, n.candidate, n.candidate.joint
     rungs = search.rungs
-    k = next((k for k, r in enumerate(rungs) if c.term.key in r.keys), len(rungs) - 1)
+    key = search.stands_for.get(c.term.key, c.term.key)
+    k = next((k for k, r in enumerate(rungs) if key in r.keys), len(rungs) - 1)
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
     explain, own = _explain(search, c, (floor, other), taken), n.confidence
     share = min(value for value, _ in explain)

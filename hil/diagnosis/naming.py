@@ -37,6 +37,7 @@ from hil.diagnosis.candidates import (
 )
 from hil.diagnosis.constants import (
     ABSORBED,
+    CERTAIN,
     DISCREPANCY,
     HALF,
     RISEN,
@@ -67,6 +68,8 @@ FloatArray = NDArray[np.float64]
 STARTS, ROUNDS = 2, 5
 #: Rules of a fit in which one effect takes the place of another.
 FORMS = ("never-rises", "coefficients", "scales", "allowed")
+#: Of these, what is asked of a law that leaves as much as the one before.
+ALLOWED = FORMS[1:]
 
 
 def exchange(search: Search) -> list[Named]:
@@ -86,11 +89,14 @@ def exchange(search: Search) -> list[Named]:
             rated = _settled(search, c, rated)
             other = _better(search, c, rated) or _suiting(search, c, rated, projector)
             went = {} if other is not None else _elsewhere(search, c, rated)
+            if other is None and search.now is now:
+                own = _refitted_rivals(search, c, rated, went, projector)
+                other = _as_described(search, own, rated)
+                named[c.term.key] = own
             if other is not None or search.now is not now:
                 changed = True
                 named.clear()
                 break
-            named[c.term.key] = _refitted_rivals(search, c, rated, went, projector)
         if changed:
             continue
         side = _other_side(search)
@@ -417,6 +423,33 @@ def _suiting(
             return r.candidate
     if alike or others:
         renew(now.result)
+    return None
+
+
+def _as_described(search: Search, named: Named, rated: list[Rated]) -> Candidate | None:
+    """The rival that leaves the masses as the robot's description has them, where a name does not.
+
+    It leaves no more, and the description decides between the two beyond doubt: of the gains of two
+    motors, whose ratio alone the data know, the one beside which no link is another one.
+    """
+    c, now = named.candidate, search.now
+    every = {r.candidate.term.key: r for r in rated}
+    for rival in named.rivals:
+        r = every.get(rival.term.key)
+        if r is None or (rival.name, rival.term.joint) in search.refused:
+            continue
+        rung = _in_place(search, c, rival)
+        (odds,) = described_odds(now.result, [rung.result])
+        held = rung.step.heldout.rms > (1 + WORTH / 2) * now.step.heldout.rms
+        worse = missed(rung.errors, now.errors, search.moves) or np.any(held[search.moves])
+        if -odds < CERTAIN or worse:
+            continue
+        if not rules.fails(rules.Refit(search, r, now, rung), ALLOWED):
+            known = search.stands_for
+            known[rival.term.key] = known.get(c.term.key, c.term.key)
+            other = replace(rival, joint=c.joint)  # where it is felt is the same
+            _exchanged(search, c, other, rung)
+            return other
     return None
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hil import progress
 from hil.diagnosis import remodel, rules
-from hil.diagnosis.attribution import as_use
+from hil.diagnosis.attribution import as_use, overlap
 from hil.diagnosis.candidates import (
     Rated,
     model_groups,
@@ -69,6 +69,8 @@ class Search(Models):
     #: Whether several joints have no robot description.
     blind: bool = False
     found: list[Candidate] = field(default_factory=list)
+    #: Effect -> the one that it stands for without explaining more: what either does was its doing.
+    stands_for: dict[tuple[str, int], tuple[str, int]] = field(default_factory=dict)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
     #: Laws that do as much as all corrections of a joint, with the rungs that they give, by joint.
@@ -127,7 +129,7 @@ class Search(Models):
             if not picks:
                 return
             before = self.now
-            open_joints = self._added(picks, open_joints)
+            open_joints = self._added(self._apart(picks, evidence), open_joints)
             if self.blind and self.now is not before:
                 # what a large effect hid of the geometry is no news, and gets no name
                 self._corrected([c.joint for c in self.now.added], GEOMETRY)
@@ -514,6 +516,21 @@ class Search(Models):
             if self.score(best) > self._instead_of(best, own, picks):
                 return [best]
         return picks
+
+    def _apart(self, picks: list[Rated], evidence: Evidence) -> list[Rated]:
+        """Picks without those of an effect that has a better one on another joint and looks alike.
+
+        Of the gains of two motors the data know the ratio alone: one stands for both, and the
+        other joint is asked again beside it.
+        """
+        kept: list[Rated] = []
+        for p in sorted(picks, key=lambda p: -self.score(p)):
+            same = [k.candidate for k in kept if k.candidate.name == p.candidate.name]
+            projector = evidence.projector
+            if projector and any(overlap(c, p.candidate, projector) > HALF for c in same):
+                continue
+            kept.append(p)
+        return kept
 
     def _instead_of(self, whole: Rated, own: list[Rated], picks: list[Rated]) -> float:
         """Score of what stands in the place of an effect of the whole robot: the pick of its joint.

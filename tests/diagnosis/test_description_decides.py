@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,7 +12,11 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis import naming
 from hil.diagnosis.attribution import Named, described_odds
+from hil.diagnosis.types import Candidate
+from hil.identify.design import Term
+from hil.models import catalogue
 from hil.record.recording import RobotSource
 
 #: Weight times distance of its centre [N m], inertia about the pivot [kg m^2], spring [N m/rad].
@@ -82,3 +88,61 @@ def test_without_a_description_nothing_is_said(run):
     model = hil.base_model(bare.robot)
     one, two = (hil.fit(bare, model + name) for name in ("spring", "unbalance"))
     assert described_odds(one, [two]) == [0.0] and described_odds(one, []) == []
+
+
+def off_by_two_percent(run):
+    """The run with a description whose masses are 2 % too large and too small in turn."""
+    share = itertools.cycle((1.02, 0.98))
+    urdf = re.sub(
+        r'mass value="([0-9.e+-]+)"',
+        lambda m: f'mass value="{float(m[1]) * next(share)}"',
+        run.robot.urdf,
+    )
+    return replace(run, robot=replace(run.robot, urdf=urdf))
+
+
+@pytest.mark.slow
+def test_of_two_gains_whose_ratio_alone_is_known_one_is_named():
+    """Both had been named at 1.00, the one that nobody hid with 0.001."""
+    runs = []
+    for seed in (1, 2):
+        run = off_by_two_percent(plants.planar(seed, seconds=12.0))
+        tau = run.tau * [1.0, 1.15]
+        noise = np.random.default_rng(seed).normal(size=tau.shape)
+        runs.append(replace(run, tau=tau + 0.02 * np.std(tau, axis=0) * noise))
+    answer = hil.diagnose(runs[0], hil.base_model(runs[0].robot), runs[1])
+    (found,) = answer.findings
+    assert (found.effect, found.joint, found.rivals) == ("torque-gain", "elbow", [])
+    assert found.parameters["j2.torque-gain.g"].value == pytest.approx(0.15, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("odds", "rise", "taken"), [(-8.0, 1.0, True), (-3.0, 1.0, False), (-8.0, 1.1, False)]
+)
+def test_a_rival_that_leaves_the_masses_as_described_takes_the_place(
+    monkeypatch, odds, rise, taken
+):
+    """Of two gains the one beside which a link had to be another one was named, at 0.5."""
+
+    def candidate(j):
+        term = Term(catalogue.get("torque-gain"), j, ())
+        return Candidate(term, 1.0, 1.0)
+
+    def rung(scale):
+        errors = SimpleNamespace(power=scale * np.ones(2))
+        held = SimpleNamespace(rms=scale * np.ones(2))
+        return SimpleNamespace(errors=errors, step=SimpleNamespace(heldout=held), result=None)
+
+    mine, rival = candidate(0), candidate(1)
+    exchanged = []
+    search = SimpleNamespace(now=rung(1.0), refused=set(), moves=[0, 1], stands_for={})
+    monkeypatch.setattr(naming, "_in_place", lambda *_: rung(rise))
+    monkeypatch.setattr(naming, "described_odds", lambda *_: [odds])
+    monkeypatch.setattr(naming.rules, "fails", lambda *_: None)
+    monkeypatch.setattr(naming, "_exchanged", lambda *of: exchanged.append(of[2]))
+    rated = [SimpleNamespace(candidate=rival, joint=1)]
+    other = naming._as_described(search, Named(mine, 0.5, [rival]), rated)
+    assert (other is not None) is taken is bool(exchanged)
+    if taken:  # what either does is one thing, felt where it was
+        assert other.term is rival.term and other.joint == mine.joint
+        assert search.stands_for == {rival.term.key: mine.term.key}
