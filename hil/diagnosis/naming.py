@@ -66,10 +66,10 @@ from hil.models.model import RobotModel
 FloatArray = NDArray[np.float64]
 #: Other effects that a search starts from in the place of one, and exchanges one after another.
 STARTS, ROUNDS = 2, 5
-#: Rules of a fit in which one effect takes the place of another.
-FORMS = ("never-rises", "coefficients", "scales", "allowed")
-#: Of these, what is asked of a law that leaves as much as the one before.
-ALLOWED = FORMS[1:]
+#: Rules of a fit in which one effect takes the place of another that leaves as much.
+ALLOWED = ("coefficients", "scales", "allowed")
+#: The same where it leaves less.
+FORMS = ("never-rises", *ALLOWED)
 
 
 def exchange(search: Search) -> list[Named]:
