@@ -523,14 +523,12 @@ class Search(Models):
         Of the gains of two motors the data know the ratio alone: one stands for both, and the
         other joint is asked again beside it.
         """
-        kept: list[Rated] = []
+        projector, kept = evidence.projector, list[Rated]()
         for p in sorted(picks, key=lambda p: -self.score(p)):
-            same = [k.candidate for k in kept if k.candidate.name == p.candidate.name]
-            projector = evidence.projector
-            if projector and any(overlap(c, p.candidate, projector) > HALF for c in same):
-                continue
-            kept.append(p)
-        return kept
+            same = (k.candidate for k in kept if k.candidate.name == p.candidate.name)
+            if not (projector and any(overlap(c, p.candidate, projector) > HALF for c in same)):
+                kept.append(p)
+        return [p for p in picks if any(p is k for k in kept)]
 
     def _instead_of(self, whole: Rated, own: list[Rated], picks: list[Rated]) -> float:
         """Score of what stands in the place of an effect of the whole robot: the pick of its joint.

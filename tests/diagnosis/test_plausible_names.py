@@ -1,10 +1,15 @@
 """Names are physics: friction over position is no stop, and what no effect is gets no name."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import plants
 import pytest
 
 import hil
+from hil.diagnosis import attribution
+from hil.diagnosis.types import Candidate
+from hil.identify.design import Term
 from hil.models import catalogue
 
 
@@ -162,3 +167,16 @@ def test_a_spring_that_yields_is_named_beside_friction_that_builds_up():
     assert named(d) == {"spring", "presliding", "relaxation"}
     assert d.result.values["j1.relaxation.k"].value == pytest.approx(250.0, rel=0.05)
     assert d.result.values["j1.relaxation.T"].value == pytest.approx(0.6, rel=0.1)
+
+
+@pytest.mark.parametrize(("p", "open_"), [(0.8, True), (6.0, False)])
+def test_that_a_wave_of_one_turn_fits_by_little_better_is_no_evidence(monkeypatch, p, open_):
+    """A gas spring over 1.4 rad had been a ripple of the motor at 1.00, with no rival."""
+    problem = SimpleNamespace(runs=1, span=np.array([[-0.7, 0.7]]))
+    ripple, torque = (catalogue.get(n) for n in ("torque-ripple", "position-torque"))
+    wave = Candidate(Term(ripple, 0, (p,)), 1.0, 1.0, 8700.0, 5, 46.0, missed=1.0)
+    smooth = Candidate(Term(torque, 0, ()), 1.0, 1.0, 8670.0, 7, 64.0, missed=1.0)
+    for name in ("twins", "mirrored", "begins"):
+        monkeypatch.setattr(attribution, name, lambda *_: False)
+    share = attribution.weights(wave, [smooth], SimpleNamespace(problem=problem))
+    assert (share[1] > 0.3) is open_ and (share[0] > 0.95) is not open_
