@@ -32,6 +32,7 @@ from hil.diagnosis.constants import (
     NEAR_FLOOR,
     RIVAL,
     SURE,
+    TENTH,
     WHOLE,
     WORTH,
 )
@@ -604,11 +605,11 @@ def finding(
     n: Named, search: Search, floor: FloatArray, other: FloatArray | None, taken: Shares
 ) -> Finding:
     """One effect of the last model, with what it explains and how sure its name is."""
-    problem, c, j = search.problem, n.candidate, n.candidate.joint
-    rungs = search.rungs
+    problem, c, rungs = search.problem, n.candidate, search.rungs
     key = search.stands_for.get(c.term.key, c.term.key)
     k = next((k for k, r in enumerate(rungs) if key in r.keys), len(rungs) - 1)
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
+    j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
     explain, own = _explain(search, c, (floor, other), taken), n.confidence
     share = min(value for value, _ in explain)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
@@ -631,8 +632,20 @@ def finding(
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
         list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
         min(least_sure)[1],
-        problem.joints[j] if c.term.effect.scope.whole else "",
+        problem.joints[j] if c.term.effect.scope.whole or j != c.term.joint else "",
     )
+
+
+def _felt_on(search: Search, c: Candidate, before: Step, after: Step) -> int:
+    """The joint whose error tells of an effect: its own, unless that stays and another's falls.
+
+    The masses take the gain of a motor, and what they cannot take is left on the joints that share
+    them.
+    """
+    old, new = (np.maximum(s.heldout.rms, 1e-300) for s in (before, after))
+    fall = np.where(search.problem.holds, 0.0, 1.0 - (new / old) ** 2)
+    elsewhere = fall[c.joint] < TENTH and np.max(fall) > HALF
+    return int(np.argmax(fall)) if elsewhere else c.joint
 
 
 def _explain(

@@ -459,7 +459,8 @@ class Finding:
     reason : str
         What holds its confidence down most.
     felt_on : str
-        Joint whose errors these are, where all joints feel the effect; else empty.
+        Joint whose errors these are, where that is not the effect's own or all joints feel it;
+        else empty.
     """
 
     effect: str

@@ -14,6 +14,7 @@ import pytest
 import hil
 from hil.diagnosis import naming
 from hil.diagnosis.attribution import Named, described_odds
+from hil.diagnosis.constants import HALF
 from hil.diagnosis.types import Candidate
 from hil.identify.design import Term
 from hil.models import catalogue
@@ -114,6 +115,8 @@ def test_of_two_gains_whose_ratio_alone_is_known_one_is_named():
     (found,) = answer.findings
     assert (found.effect, found.joint, found.rivals) == ("torque-gain", "elbow", [])
     assert found.parameters["j2.torque-gain.g"].value == pytest.approx(0.15, abs=0.01)
+    # the masses take it on its own joint, and the other one tells of it
+    assert found.felt_on == "shoulder" and found.relative_after < HALF * found.relative_before
 
 
 @pytest.mark.parametrize(
