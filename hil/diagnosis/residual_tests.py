@@ -444,6 +444,8 @@ class Touch:
         When the run began [s], by the same clock.
     size : float
         Largest effort that the model does not explain.
+    early : bool
+        Whether it acts at the beginning of the run alone.
     """
 
     joint: str
@@ -453,16 +455,19 @@ class Touch:
     spans: list[tuple[float, float]]
     began: float
     size: float
+    early: bool = False
 
     @property
     def text(self) -> str:
         """One sentence without its full stop, and what was done."""
+        start = ", or was a spring or a mass not at rest when the run began" if self.early else ""
         when = [f"{a - self.began:.1f} to {b - self.began:.1f} s" for a, b in self.spans]
         size = f"{self.size:.2g} {self.unit}"
         return (
             f"{self.joint}: an effort of up to {size} that the motion does not explain acts at "
             f"{', '.join(when)} of {self.name}, and at no other time. Did a hand or a thing push "
-            "there? These times are left out of the fit, of the errors and of the noise floor"
+            f"there{start}? These times are left out of the fit, of the errors and of the noise "
+            "floor"
         )
 
 
@@ -563,8 +568,9 @@ def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_], r: FloatAr
         t, began = problem.t[own] + float(part.t[0]), float(part.t[0]) - problem.motions[k].began
         spans = [(float(t[a]), float(t[b])) for a, b in zip(first, last, strict=True)]
         size = float(np.max(np.abs(r[own[at]])))
-        run = int(problem.whole[k])
-        out.append(Touch(problem.joints[j], part.name, unit, run, spans, began, size))
+        early = last[0] == last[-1] and t[first[0]] - t[0] < TENTH * (t[-1] - t[0])
+        of = (problem.joints[j], part.name, unit, int(problem.whole[k]))
+        out.append(Touch(*of, spans, began, size, bool(early)))
     return out
 
 

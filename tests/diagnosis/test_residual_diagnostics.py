@@ -138,6 +138,16 @@ def test_pushes_of_a_moment_are_told_with_their_times_and_left_out():
     assert not any(code == TOUCHED for code, _ in quiet.warnings)
 
 
+def test_what_acts_when_a_run_begins_may_be_how_it_begins():
+    """A spring that had yielded was told as a hand."""
+    run = plants.serial_arm(2, 1, axes=("0 1 0", "0 1 0"))
+    push = 4.0 * np.exp(-(((run.t - 0.3) / 0.5) ** 2))
+    run = replace(run, tau=run.tau + np.outer(push, [1.0, 0.0]))
+    (first, *_) = touches(hil.fit([run], hil.base_model(run.robot)))
+    assert first.early and "not at rest when the run began" in first.text
+    assert "not at rest" not in replace(first, early=False).text
+
+
 @pytest.mark.slow
 def test_pushes_of_several_joints_and_runs_do_not_hide_each_other():
     """All that a hand does on two joints of two runs is left out; a fit of squares hid half."""
