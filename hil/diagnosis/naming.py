@@ -388,8 +388,8 @@ def _suiting(
     sought again without it: a polynomial over the position stands for a weight and a stop together
     until the stop has a name, a weight for a spring until the relaxation beside it has one, and a
     relaxation for a spring as long as the bristles beside it have the form that they have without
-    either.  With such shapes about it need not act alike.  With as many values the other law must
-    do better.
+    either.  With such shapes about it need not act alike, if it takes half as much; it is tried
+    once.  With as many values the other law must do better.
     """
     own = next((r for r in rated if _own(r, c)), None)
     if own is None:
@@ -408,7 +408,15 @@ def _suiting(
     ]
     some.sort(key=lambda r: r.after)
     alike = [r for r in some if overlap(r.candidate, c, projector) > SAME_COSINE][:STARTS]
-    others = [r for r in some if shaped and all(r is not a for a in alike)][:STARTS]
+    others = [
+        r
+        for r in some
+        if shaped
+        and all(r is not a for a in alike)
+        and r.removed > HALF * own.removed
+        and (c.term.key, r.candidate.term.key) not in search.tried_for
+    ][:STARTS]
+    search.tried_for |= {(c.term.key, r.candidate.term.key) for r in others}
     now, most = search.now, search.score(_refitted(own, search.now))
     for r in alike + others:
         rung = _in_place(search, c, r.candidate)
