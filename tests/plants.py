@@ -711,6 +711,44 @@ def stiction_axis(
     return single("stiction", t, out[:, 0].copy(), out[:, 1].copy())
 
 
+@numba.njit(cache=True)
+def _sent(goal: np.ndarray, mass: float, dry: float, viscous: float, stiff: float) -> np.ndarray:
+    """Position and command (n, 2) under PD control at 1 kHz, ten steps each; exact dry friction."""
+    out, damp, dt = np.empty((goal.size, 2)), 1.4 * np.sqrt(stiff * mass), 1e-4
+    q, v = goal[0], 0.0
+    for k in range(goal.size):
+        speed = (goal[min(k + 1, goal.size - 1)] - goal[max(k - 1, 0)]) * 500.0
+        tau = stiff * (goal[k] - np.round(q * 1e5) * 1e-5) + damp * (speed - v)
+        out[k, 0], out[k, 1] = q, tau
+        for _ in range(10):
+            free = (v + dt * tau / mass) / (1 + dt * viscous / mass)
+            v = np.sign(free) * max(abs(free) - dt * dry / mass, 0.0)
+            q += v * dt
+    return out
+
+
+def sent_axis(seed: int, rate: float, seconds: float = 40.0) -> Recording:
+    """Moves of constant acceleration and short rests, of which every few rows are kept."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 1e-3)
+    mass, quick, fast = rng.uniform(1, 20), rng.uniform(0.8, 4), rng.uniform(0.2, 1)
+    goal, x = np.empty(0), 0.0
+    while goal.size < t.size:
+        to = rng.uniform(-0.4, 0.4)
+        most = min(fast * rng.uniform(0.3, 1), np.sqrt(quick * abs(to - x)))
+        gain = most / quick
+        lasts = abs(to - x) / most + gain
+        u = np.arange(0.0, lasts, 1e-3)
+        rise = 0.5 * quick * (np.clip(u, 0, gain) ** 2 - np.clip(u - lasts + gain, 0, gain) ** 2)
+        path = rise + most * np.clip(u - gain, 0, None)
+        rest = np.full(int(1e3 * rng.uniform(0.1, 0.6)), to)
+        goal, x = np.concatenate([goal, x + np.sign(to - x) * path, rest]), to
+    dry, viscous = rng.uniform(0.1, 0.6) * mass * quick, rng.uniform(0.1, 0.5) * mass * quick / fast
+    out = _sent(goal[: t.size], mass, dry, viscous, mass * rng.uniform(15, 50) ** 2)
+    rows = slice(None, None, round(1e3 / rate))
+    q, tau = np.round(out[rows, 0] * 1e5) * 1e-5, out[rows, 1]
+    return single(f"sent{seed}", t[rows], q, tau + 0.005 * mass * quick * rng.normal(size=q.size))
+
+
 #: Inertias of the motor and of the link of `transmission`, and its friction.
 MOTOR, LINK, _VISCOUS, _DRY = 0.02, 0.06, 0.25, 0.12
 _FAST, _FINE = 500, 40

@@ -208,8 +208,10 @@ def _sharp(problem: Problem, j: int, wider: float) -> list[FloatArray]:
         for r, m in zip(problem.recordings, problem.motions, strict=True):
             cut = min(wider * problem.rates.position, WIDEST * r.rate)
             speed = bands.derivatives(r.q[:, j : j + 1], r.rate, cut)[1][:, 0]
-            stride = max(round(m.dt * r.rate), 1)
-            out.append(uniform_filter1d(np.sign(speed), stride)[::stride][: m.n])
+            rows = m.dt * r.rate
+            sharp = np.sign(bands.every(speed, min(rows, 1.0)))
+            stride = max(round(rows), 1)
+            out.append(uniform_filter1d(sharp, stride)[::stride][: m.n])
         problem.memo[key] = out
     found: list[FloatArray] = problem.memo[key]
     return found
@@ -429,6 +431,8 @@ def _taken(problem: Problem, step: float, j: int) -> FloatArray:
 
 def _windows(effort: FloatArray, motion: Motion, rate: float) -> FloatArray:
     """Recorded efforts about each instant of a motion (n, k)."""
+    if motion.dt * rate < bands.AS_RECORDED:
+        return np.asarray(bands.nearest(effort, motion.dt * rate)[: motion.n, None])
     k = max(round(motion.dt * rate), 1)
     wide = np.concatenate([np.repeat(effort[:1], k // 2), effort, np.repeat(effort[-1:], k)])
     return wide[: motion.n * k].reshape(motion.n, k)
@@ -564,7 +568,7 @@ def coarse(problem: Problem) -> NDArray[np.bool_]:
     if ("coarse",) not in problem.memo:
         out = np.zeros(problem.d, dtype=bool)
         for m, r in zip(problem.motions, problem.recordings, strict=True):
-            moved = np.median(np.abs(m.qd), axis=0) * m.dt
+            moved = np.median(np.abs(m.qd), axis=0) * max(m.dt, r.period)
             out |= moved < COARSE_COUNTS * bands.quanta(r.q)
         problem.memo["coarse",] = out
     found: NDArray[np.bool_] = problem.memo["coarse",]

@@ -267,9 +267,9 @@ def stir(result: FitResult, shares: FloatArray | None = None) -> FloatArray:
         size = bands.white_noise(r, most=False)
         size = size if shares is None else size * np.sqrt(shares[k])
         noise = size * draw.standard_normal(r.q.shape)
-        stride = max(round(m.dt * r.rate), 1)
         e, de, dde = (
-            x[::stride][: m.n] for x in bands.derivatives(noise, r.rate, problem.rates.position)
+            bands.every(x, m.dt * r.rate)[: m.n]
+            for x in bands.derivatives(noise, r.rate, problem.rates.position)
         )
         noisy.append(m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde))
     law = problem, result.terms, result.theta, result.slices

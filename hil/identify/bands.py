@@ -102,15 +102,27 @@ def white_noise(r: Recording, most: bool = True) -> FloatArray:
     return out
 
 
+def encoder_noise(r: Recording) -> FloatArray:
+    """The same (d,) without the motion between two rows: the smaller one, or that of the counts."""
+    out: FloatArray = np.maximum(white_noise(r, most=False), quanta(r.q) / np.sqrt(12))
+    return out
+
+
 def quanta(q: FloatArray) -> FloatArray:
     """Smallest step of each quantised column (d,); 0 where it is not quantised."""
     return np.array([resolution(q[:, j], exact=True) for j in range(q.shape[1])])
 
 
 def standing(
-    q: FloatArray, qd: FloatArray, qdd: FloatArray, fs: float, longest: float, cutoff: float
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    fs: float,
+    longest: float,
+    cutoff: float,
+    between: FloatArray | None = None,
 ) -> FloatArray:
-    """Where each joint stands still: 1 there, 0 elsewhere, shape (n, d).
+    """Where each joint stands still: 1 there, 0 elsewhere, shape (n, d), or (m, d) of `between`.
 
     Parameters
     ----------
@@ -124,9 +136,14 @@ def standing(
         Longest window asked for [s]; standing for longer always counts.
     cutoff : float
         Of the position filter [Hz], which smears the edges of a standstill.
+    between : ndarray (m, d), optional
+        Positions at instants between the rows too, where the rows are too far apart to tell for
+        how long a joint creeps [rad or m]; m - 1 is a multiple of n - 1.
     """
     noise, quantum = position_noise(q), quanta(q)
-    out = np.zeros(q.shape)
+    fine = q if between is None else between
+    finer = (len(fine) - 1) // (len(q) - 1)
+    out = np.zeros(fine.shape)
     for j in range(q.shape[1]):
         span = float(np.ptp(q[:, j]))
         band = max(
@@ -137,15 +154,24 @@ def standing(
         window = float(np.clip(1.5 * np.sqrt(8 * band / typical), 5 / fs, longest))
         speed = float(np.sqrt(np.mean(qd[:, j] ** 2)))
         # w = 1.5 sqrt(8 c v w / a): for so long a reversal is slower than the share c of v
-        slow = max(longest, 1.5**2 * 8 * CREEP * speed / typical)
-        edge = 2 * int(np.ceil(SMEAR / cutoff * fs))
-        for within, time in ((band, window), (CREEP * speed * slow, slow)):
-            out[:, j] = np.maximum(out[:, j], _within(q[:, j], within, time, fs, edge))
+        turns = 1.5**2 * 8 * CREEP * speed
+        slow = max(longest, turns / typical)
+        rests = _within(q[:, j], band, window, fs, cutoff)
+        creeps = _within(fine[:, j], CREEP * speed * slow, slow, fs * finer, cutoff)
+        out[:, j] = np.maximum(nearest(rests, 1 / finer), creeps)
+        if slow > longest:
+            # the same for a shorter time where it is sharply accelerated before or after
+            near = 2 * int(np.ceil(longest * fs)) + 1
+            most = scipy.ndimage.maximum_filter1d(np.abs(qdd[:, j]), near)
+            sharp = (most > turns / longest).astype(np.float64)
+            sticks = _within(fine[:, j], CREEP * speed * longest, longest, fs * finer, cutoff)
+            out[:, j] = np.maximum(out[:, j], sticks * nearest(sharp, 1 / finer))
     return out
 
 
-def _within(x: FloatArray, band: float, window: float, fs: float, edge: int) -> FloatArray:
-    """1 where x (n,) stays within a band for a time [s], and `edge` samples around that."""
+def _within(x: FloatArray, band: float, window: float, fs: float, cutoff: float) -> FloatArray:
+    """1 where x (n,) stays within a band for a time [s], and where a filter smears that."""
+    edge = 2 * int(np.ceil(SMEAR / cutoff * fs))
     size = 2 * int(np.ceil(window * fs / 2)) + 1
     high = scipy.ndimage.maximum_filter1d(x, size)
     still = (high - scipy.ndimage.minimum_filter1d(x, size) <= band).astype(np.float64)
@@ -346,7 +372,7 @@ def clear(r: Recording, cutoff: float) -> float:
     for an rms speed v, of the joint where it is largest.
     """
     speed = np.sqrt(np.mean(derivatives(r.q, r.rate, min(cutoff, 0.35 * r.rate))[1] ** 2, axis=0))
-    noise = np.maximum(position_noise(r.q), 1e-300)
+    noise = np.maximum(encoder_noise(r), 1e-300)
     most = (speed / CLEAR / (2 * np.pi * noise) * np.sqrt(1.5 * r.rate)) ** (2 / 3)
     return min(cutoff, float(np.max(most)))
 
@@ -391,6 +417,64 @@ def smooth(x: FloatArray, fs: float, cutoff: float) -> FloatArray:
     sos = scipy.signal.butter(4, cutoff / (fs / 2), output="sos")
     out: FloatArray = scipy.signal.sosfiltfilt(sos, x, axis=0)
     return out
+
+
+#: Instants at which a motion is evaluated per period of the position filter's cut-off.  Half: a
+#: sign turns between two of them within what the filter passes; double: the same fits at twice the
+#: cost.
+EVALUATED = 5.0
+#: Rows per such period below which instants between them are evaluated too.  Half: none ever are;
+#: double: runs of 250 Hz take twice the time and answer the same.
+FEW = 3.0
+#: Rows from instant to instant above which none lies between two rows.
+AS_RECORDED = 0.9
+#: Rows to either side from which a value between two rows is interpolated, and the shape of their
+#: window: 80 dB from 4 % below half the rate on (Kaiser 1974).  Half: a tenth of what the widest
+#: position filter passes is lost; double: no more is passed, and ends are mirrored further.
+AROUND, WINDOW = 64, ("kaiser", 8.0)
+
+
+def apart(fs: float, cutoff: float) -> float:
+    """Rows from one instant of a motion to the next: a whole number, or one over a whole number.
+
+    What acts turns within less than a row where a run was recorded slowly: dry friction at a
+    reversal.  There the filtered motion is interpolated, which its filter's band allows.
+
+    Parameters
+    ----------
+    fs : float
+        Sample rate [Hz].
+    cutoff : float
+        Of the position filter [Hz].
+    """
+    rows = fs / (EVALUATED * cutoff)
+    if fs >= FEW * cutoff:
+        return float(max(int(rows), 1))
+    return 1.0 / int(np.ceil(1.0 / rows - 1e-9))
+
+
+def every(x: FloatArray, rows: float) -> FloatArray:
+    """Columns (n, ...) of a filtered signal at every `rows`-th row, between rows if below one.
+
+    Band-limited interpolation by a windowed sinc; mirrored at the ends, about their values.
+    """
+    if rows > AS_RECORDED or not x.size:
+        return x[:: max(round(rows), 1)]
+    more = round(1.0 / rows)
+    reach = min(AROUND, len(x) - 1)
+    before, after = 2 * x[:1] - x[reach:0:-1], 2 * x[-1:] - x[-2 : -reach - 2 : -1]
+    wide = np.concatenate([before, x, after])
+    taps = scipy.signal.firwin(2 * AROUND * more + 1, 1.0 / more, window=WINDOW)
+    out: FloatArray = scipy.signal.upfirdn(more * taps, wide, more, axis=0)[AROUND * more :]
+    return out[reach * more :][: (len(x) - 1) * more + 1]
+
+
+def nearest(x: FloatArray, rows: float) -> FloatArray:
+    """The same of what has no value between rows: that of the nearer row."""
+    if rows > AS_RECORDED:
+        return x[:: max(round(rows), 1)]
+    more = round(1.0 / rows)
+    return np.asarray(x[(np.arange((len(x) - 1) * more + 1) + more // 2) // more])
 
 
 #: Filters side by side, as `_cascade` has them.

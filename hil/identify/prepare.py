@@ -407,10 +407,21 @@ def _as_measured(r: Recording, rows: int) -> bool:
     return True
 
 
+#: Motion of a part, where joints stand (n, d) and bridges are (n,), and its effort filter.
+Filtered = tuple[Motion, FloatArray, FloatArray, "Decimator"]
+
+
 def prepare(
-    part: Even, robot: Robot, rates: bands.Rates, span: FloatArray, explains: str
-) -> tuple[Motion, FloatArray, FloatArray, Decimator]:
+    part: Even,
+    robot: Robot,
+    rates: bands.Rates,
+    span: FloatArray,
+    explains: str,
+    finely: bool = True,
+) -> Filtered:
     """Motion of a part, where joints stand (n, d) and bridges are (n,), and its effort filter.
+
+    Where it was recorded slowly the motion is interpolated between its rows (`finely`).
 
     Raises
     ------
@@ -420,9 +431,13 @@ def prepare(
     r = part.recording
     fs = r.rate
     q, qd, qdd = bands.derivatives(r.q, fs, rates.position)
-    stride = max(1, int(fs / (5.0 * rates.position)))
-    pick, step = slice(None, None, stride), stride / fs
-    t = np.arange(q[pick].shape[0], dtype=np.float64) * step
+    rows = bands.apart(fs, rates.position)
+    rows = rows if finely else max(rows, 1.0)
+    between = bands.every(q, rows) if rows < bands.AS_RECORDED else None
+    still = bands.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position, between)
+    q, qd, qdd = (bands.every(x, rows) for x in (q, qd, qdd))
+    step = rows / fs
+    t = np.arange(len(q), dtype=np.float64) * step
     if t.size * step * rates.effort < SHORTEST_RUN:
         raise DataError(
             f"run {r.name!r} of {r.n / fs:.3g} s is too short for a filter of "
@@ -430,54 +445,59 @@ def prepare(
         )
     motion = Motion(
         t=t,
-        q=q[pick],
-        qd=qd[pick],
-        qdd=qdd[pick],
-        tau=bands.smooth(r.tau, fs, rates.position)[pick],
-        tau_ext=_external(r, q[pick], pick, robot, rates, explains),
-        load=np.zeros_like(q[pick]),
-        static=np.zeros_like(q[pick]),
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=bands.every(bands.smooth(r.tau, fs, rates.position), rows),
+        tau_ext=_external(r, q, rows, robot, rates, explains),
+        load=np.zeros_like(q),
+        static=np.zeros_like(q),
         v0=_resolution(r, rates),
         resolution=np.zeros(r.d),
         span=span,
         contact=np.full((r.d, 2), np.nan),
         robot=robot,
-        average=step,
-        wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, pick, r.rate, rates),
-        temperature=_slow(r.temperature, r.d, pick, r.rate, rates),
+        average=max(step, r.period),
+        wrench=_slow(None if r.tau_ext is not None else r.wrench, 6, rows, r.rate, rates),
+        temperature=_slow(r.temperature, r.d, rows, r.rate, rates),
         grain=bands.position_noise(r.q) * np.sqrt(12),
-        slips=_slips(r, pick, rates),
+        slips=_slips(r, rows, rates),
         began=part.start,
         band=rates.effort,
     )
-    still = bands.standing(r.q, qd, qdd, fs, 0.5 / rates.effort, rates.position)
     spoilt = bridged(part, rates.position).astype(np.float64)
-    return motion, still[pick], spoilt[pick], Decimator(t.size, 1 / step, rates.effort)
+    still = still if between is not None else bands.nearest(still, rows)
+    return motion, still, bands.nearest(spoilt, rows), Decimator(t.size, 1 / step, rates.effort)
 
 
-def _slips(r: Recording, pick: slice, rates: bands.Rates) -> FloatArray:
+def _slips(r: Recording, rows: float, rates: bands.Rates) -> FloatArray:
     """What jumps of the positions add to q, qd and qdd after the filter, (3, n, d) or (3, 0, 0)."""
     error = np.stack([found.shift(r.n) for found in r.jumps], axis=1)
     if not np.any(error):
         return np.zeros((3, 0, 0))
-    return np.stack([x[pick] for x in bands.derivatives(error, r.rate, rates.position)])
+    return np.stack(
+        [bands.every(x, rows) for x in bands.derivatives(error, r.rate, rates.position)]
+    )
 
 
 def _slow(
-    x: FloatArray | None, width: int, pick: slice, fs: float, rates: bands.Rates
+    x: FloatArray | None, width: int, rows: float, fs: float, rates: bands.Rates
 ) -> FloatArray:
     """A measured channel after the position filter; no rows where it was not recorded."""
-    return np.zeros((0, width)) if x is None else bands.smooth(x, fs, rates.position)[pick]
+    if x is None:
+        return np.zeros((0, width))
+    return bands.every(bands.smooth(x, fs, rates.position), rows)
 
 
 def _external(
-    r: Recording, q: FloatArray, pick: slice, robot: Robot, rates: bands.Rates, explains: str
+    r: Recording, q: FloatArray, rows: float, robot: Robot, rates: bands.Rates, explains: str
 ) -> FloatArray:
     """External effort (n, d), measured at the joints or from the wrench at the tip."""
     if r.tau_ext is not None:
-        return bands.smooth(r.tau_ext, r.rate, rates.position)[pick]
+        return bands.every(bands.smooth(r.tau_ext, r.rate, rates.position), rows)
     if r.wrench is not None:
-        return robot.external(q, bands.smooth(r.wrench, r.rate, rates.position)[pick])
+        wrench = bands.every(bands.smooth(r.wrench, r.rate, rates.position), rows)
+        return robot.external(q, wrench)
     if explains == "external":
         raise DataError(
             f"recording {r.name!r} has no external effort (tauext or fx, fy, fz) to explain"
@@ -510,9 +530,9 @@ def at_instants(parts: Sequence[tuple[Recording, Motion]]) -> bool:
     each = [
         x
         for r, m in parts
-        if m.n == r.n and np.any(r.tau)
+        if m.n >= r.n and np.any(r.tau)
         for j in range(r.d)
-        for x in _turned(r.tau[:, j], m.qd[:, j], float(m.v0[j]))
+        for x in _turned(r.tau[:, j], m.qd[:: round(1 / (m.dt * r.rate)), j], float(m.v0[j]))
     ]
     if len(each) < TURNS:
         return False
@@ -547,7 +567,7 @@ def _left(y: FloatArray, x: FloatArray) -> float:
 def _resolution(r: Recording, rates: bands.Rates) -> FloatArray:
     """Speed noise after the position filter, at least 0.2 % of the rms speed (d,)."""
     fs, cutoff = r.rate, rates.position
-    sigma_q = bands.position_noise(r.q)
+    sigma_q = bands.encoder_noise(r)
     # s_v = s_q 2 pi fc sqrt(2 fc / (3 fs)) for white noise up to fc
     sigma_v = sigma_q * 2 * np.pi * cutoff * np.sqrt(2 * cutoff / (3 * fs))
     rms = np.sqrt(np.mean(np.diff(r.q, axis=0) ** 2, axis=0)) * fs

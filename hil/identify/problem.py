@@ -266,19 +266,25 @@ class Rows:
         #: Share of the rms effort to which the efforts are known, if a [signal] says it; else 0.
         self.accuracy = said.accuracy
 
-    def _move(self, parts: Sequence[Even]) -> None:
-        """Motion, standstill, bridges and filter of each part."""
-        prepared = [
-            prepare(part, self.robot, self.rates, self.span, self.explains) for part in parts
-        ]
+    def _filtered(self, parts: Sequence[Even], finely: bool) -> None:
+        """Every part behind the filters, at instants between slow rows too (`finely`)."""
+        given = self.robot, self.rates, self.span, self.explains
+        prepared = [prepare(part, *given, finely=finely) for part in parts]
         self.motions: list[Motion] = self._counted([motion for motion, *_ in prepared])
         self._still: list[FloatArray] = [still for _, still, *_ in prepared]
         self._spoilt: list[FloatArray] = [spoilt for *_, spoilt, _ in prepared]
         self._filters: list[Decimator] = [decimator for *_, decimator in prepared]
+
+    def _move(self, parts: Sequence[Even]) -> None:
+        """Motion, standstill, bridges and filter of each part."""
+        self._filtered(parts, finely=True)
         rows = [(p.recording, m) for p, m in zip(parts, self.motions, strict=True)]
         #: Whether efforts are values of instants, see `hil.identify.prepare.at_instants`.
         self.of_instants = self.explains == "motor" and at_instants(rows)
         if self.of_instants:
+            if any(m.n > r.n for r, m in rows):
+                # between two rows there is no value of an instant
+                self._filtered(parts, finely=False)
             self.motions = [replace(m, average=0.0) for m in self.motions]
 
     def _counted(self, motions: Sequence[Motion]) -> list[Motion]:
@@ -581,18 +587,18 @@ class Problem(Rows):
         self.alignment = alignment
         recorded = [m.tau for m in self._first[0]]
         self.motions = [
-            replace(m, tau=alignment(r, m.t, m.since), average=self._average(m))
-            for m, r in zip(self.motions, recorded, strict=True)
+            replace(m, tau=alignment(tau, m.t, m.since), average=self._average(r, m))
+            for m, tau, r in zip(self.motions, recorded, self.recordings, strict=True)
         ]
         self._target()
         self._kept = self._kept.pruned(self.motions)
 
-    def _average(self, m: Motion) -> float:
+    def _average(self, r: Recording, m: Motion) -> float:
         """Time over which a sign is averaged [s]: between two instants there is no value of one."""
         a = self.alignment
         samples = a.shift / m.dt
         between = abs(samples - round(samples)) > ON_SAMPLE or a.lag or a.rate
-        return 0.0 if self.of_instants and not between else m.dt
+        return 0.0 if self.of_instants and not between else max(m.dt, r.period)
 
     def set_context(self, **changes: FloatArray) -> None:
         """Change v0, contact or load; forget the columns that were made of them."""

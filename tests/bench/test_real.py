@@ -14,6 +14,7 @@ from hil.bench import least_squares_script, real
 from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.errors import DataError
+from hil.identify import bands
 from hil.record import datasets
 from hil.record.recording import RobotSource
 
@@ -66,6 +67,12 @@ def test_person_on_recordings(name, monkeypatch):
     monkeypatch.setattr("hil.identify.bands.CREEP", 0.0)
     # and whose counts are not seen in tables of rounded numbers
     monkeypatch.setattr("hil.record.jumps._multiples", lambda steps: 0.0)
+    # and of speeds in whose noise the motion between two rows counts
+    monkeypatch.setattr(
+        "hil.identify.bands.white_noise", lambda r, most=True: bands.position_noise(r.q)
+    )
+    # and of no instants but the rows
+    monkeypatch.setattr("hil.identify.bands.FEW", 0.0)
     # and of accelerations by differences of two neighbours
     monkeypatch.setattr("hil.identify.bands._slopes", lambda x, fs: np.gradient(x, 1 / fs, axis=0))
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")

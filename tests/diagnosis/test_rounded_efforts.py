@@ -87,7 +87,7 @@ def test_steps_that_are_none_are_refused(value, tmp_path):
 def narrow_and_wide(spring=0.0):
     """A run at one speed, and another at many of a rig that may have changed."""
     runs = (
-        plants.stepped_axis(1, 1e-6, speeds=(0.2, 0.22)),
+        plants.stepped_axis(1, 1e-6, speeds=(0.2, 0.202)),
         plants.stepped_axis(6, 1e-6, speeds=(0.05, 1.2), spring=spring),
     )
     rng = np.random.default_rng(1)

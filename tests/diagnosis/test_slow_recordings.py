@@ -32,3 +32,11 @@ def test_a_lubricated_slide_lacks_nothing(width):
     values = only.result.values
     assert values["j1.coulomb.fc"].value == pytest.approx(0.6, rel=0.03)
     assert values["j1.coulomb.v0"].value == pytest.approx(width, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [30, 70, *plants.seeds(20, 50, 60, 80)])
+def test_short_rests_between_slow_rows_lack_nothing(seed):
+    """Sticking for two or three rows, and the acceleration between them, were friction laws."""
+    run = plants.sent_axis(seed, 50.0)
+    answer = hil.diagnose(run, hil.base_model(run.robot))
+    assert answer.verdict == "adequate"

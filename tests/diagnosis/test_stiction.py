@@ -7,7 +7,7 @@ import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
-from hil.identify.bands import standing
+from hil.identify.bands import derivatives, every, standing
 from hil.identify.problem import Problem
 from hil.identify.slow_motion import longest_shift, slow_delay
 from hil.identify.timing import fit_aligned
@@ -95,3 +95,23 @@ def test_a_few_seconds_name_nothing() -> None:
     out = diagnose([run], base_model(run.robot))
     assert out.verdict == "not-identifiable"
     assert "Record 5 s or more" in out.warnings[0][1]
+
+
+@pytest.mark.parametrize("rests", [0.08, 0.0])
+def test_a_joint_that_sticks_for_a_few_slow_rows_stands_still(rests: float) -> None:
+    """Turned sharply, at a slow pace on the whole: a smooth reversal lasts some milliseconds."""
+    fs, fine = 50.0, 1e-3
+    v, turn = [], np.linspace(-0.15, 0.15, 300)
+    for k in range(30):
+        up, held = (-1.0) ** k, np.zeros(round(rests / fine))
+        v += [np.full(2000, -0.15 * up), up * turn[:150], held, up * turn[150:]]
+    path = np.cumsum(np.concatenate(v)) * fine
+    rows = path[:: round(1 / fs / fine)][:, None]
+    noise = np.random.default_rng(0).normal(size=rows.shape) * 1e-6
+    q, qd, qdd = derivatives(rows + noise, fs, 17.5)
+    between = every(q, 0.5)
+    still = standing(rows + noise, qd, qdd, fs, 1 / 12, 17.5, between)[:, 0]
+    assert len(still) == len(between)
+    share = np.mean(still) * len(path) * fine / 30
+    assert share > rests or share == 0.0 == rests
+    assert share < rests + 0.1

@@ -8,7 +8,17 @@ from hypothesis.extra.numpy import arrays
 from scipy.fft import next_fast_len
 
 from hil.errors import DataError
-from hil.identify.bands import choose, derivatives, motion_bandwidth, smooth
+from hil.identify.bands import (
+    apart,
+    choose,
+    derivatives,
+    encoder_noise,
+    every,
+    motion_bandwidth,
+    nearest,
+    position_noise,
+    smooth,
+)
 from hil.identify.prepare import Decimator
 from hil.models.kernels import slope
 from hil.models.model import Band
@@ -140,3 +150,43 @@ def test_the_transform_back_has_no_large_prime_factor(n: int, cutoff: float) -> 
     rows = decimator._out
     assert rows == next_fast_len(rows, real=True) or rows >= n - 1
     assert decimator.rate > 2.0 * cutoff or rows >= n - 1
+
+
+@pytest.mark.parametrize("rows", [1 / 2, 1 / 5])
+def test_a_filtered_signal_is_known_between_its_rows(rows: float) -> None:
+    """Up to what the widest position filter passes, 0.35 of the rate."""
+    fs, more = 50.0, round(1 / rows)
+    t, fine = np.arange(1000) / fs, np.arange(999 * more + 1) / fs / more
+    for f in (0.3, 4.0, 0.35 * fs):
+        x, wanted = (np.sin(2 * np.pi * f * u + 0.3)[:, None] for u in (t, fine))
+        between = every(x, rows)
+        assert between.shape == wanted.shape
+        inside = slice(70 * more, -70 * more)
+        np.testing.assert_allclose(between[inside], wanted[inside], atol=1e-4)
+        np.testing.assert_allclose(between[::more][70:-70], x[70:-70], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fs", "cutoff", "rows"),
+    [(1000.0, 60.0, 3.0), (250.0, 75.0, 1.0), (100.0, 35.0, 0.5), (50.0, 17.5, 0.5)],
+)
+def test_a_motion_is_evaluated_often_enough_for_its_filter(fs, cutoff, rows) -> None:
+    assert apart(fs, cutoff) == rows
+    assert fs / rows >= 3.0 * cutoff
+
+
+def test_of_a_mask_the_nearer_row_counts() -> None:
+    assert nearest(np.array([0.0, 1.0, 0.0]), 1 / 2).tolist() == [0.0, 1.0, 1.0, 0.0, 0.0]
+    assert nearest(np.arange(7.0), 3.0).tolist() == [0.0, 3.0, 6.0]
+
+
+def test_a_fast_motion_between_two_rows_is_no_noise_of_the_encoder() -> None:
+    count, t = 1e-5, np.arange(0, 40, 0.02)
+    q = np.round(0.3 * np.sin(2 * np.pi * (1.3 * t + 0.3 * np.sin(0.7 * t))) / count) * count
+    run = recording(q, 50.0)
+    true = count / np.sqrt(12)
+    assert position_noise(run.q)[0] > 100 * true
+    assert encoder_noise(run)[0] == pytest.approx(true, rel=0.5)
+    # an encoder's steps stay, however slow the motion between them is
+    slow = recording(np.round(1e-3 * t / count) * count, 50.0)
+    assert encoder_noise(slow)[0] >= true * (1 - 1e-9)

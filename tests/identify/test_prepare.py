@@ -502,7 +502,8 @@ def test_no_lateness_between_one_sample_and_more_stays(late: float) -> None:
     seen, moved = (plants.counted_at(t, t - d / fs, rng, 0.02) for d in (0.0, late))
     problem = Problem([replace(seen, tau=moved.tau)], AXIS.robot)
     fit_aligned(problem, AXIS)
-    assert problem.shift == pytest.approx(-late / fs, abs=0.3 / fs)
+    # one sample for 1.3 of them is just as far as that
+    assert problem.shift == pytest.approx(-late / fs, abs=(0.3 + 1e-9) / fs)
 
 
 def test_parts_that_contradict_each_other_know_little() -> None:
