@@ -211,7 +211,8 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
         if value[0] >= -EXACT * size:
             return 0.0
         begin = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)[at]
-        found = scipy.optimize.least_squares(left, begin, slope, x_scale="jac", max_nfev=200)
+        # not scaled by the slopes: what no motion shows has none, and the search would stand still
+        found = scipy.optimize.least_squares(left, begin, slope, max_nfev=200)
         least = min(least, float(2 * found.cost))
     return float(least * unit**2)
 

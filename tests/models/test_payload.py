@@ -9,6 +9,7 @@ from hil.models import catalogue
 from hil.models.bodies import parameters, pseudo_inertia
 from hil.models.effect import refused
 from hil.models.motion import Motion
+from hil.models.payload import _apart
 from hil.models.robots import Robot
 from hil.models.urdf import UrdfRobot
 
@@ -138,3 +139,25 @@ def test_what_no_motion_shows_is_free() -> None:
     assert real(motion, 0, (1.0,), only)
     only[1] = 5.0
     assert real(motion, 0, (1.0,), only)
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_whatever_body_there_is_can_be(joints: int) -> None:
+    """Few joints show few of its parameters, of which the estimate alone is no body."""
+    motion, rng = moving(PREMIUM), np.random.default_rng(joints)
+    seen = PAYLOAD.columns(motion, 0, (3.0,))[:, :joints].reshape(-1, 10)
+    rotate, size = np.linalg.qr(seen)[1], np.linalg.norm(seen, axis=0)
+    live = size > 1e-9 * size.max()
+    for _ in range(40):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        spread = turn @ np.diag(rng.uniform(0.01, 0.1, 3) ** 2) @ turn.T
+        mass = rng.uniform(0.1, 2.0)
+        about = mass * (np.trace(spread) * np.eye(3) - spread)
+        body = order(pin.Inertia(mass, rng.normal(size=3) * 0.2, about))
+        # what a fit makes of it: the shortest of all values that act alike, nearly
+        known = np.where(
+            live, np.linalg.pinv(rotate / np.where(live, size, 1), 1e-9) @ (rotate @ body), 0
+        )
+        known = np.where(live, known / np.where(live, size, 1), 0)
+        known *= 1 + 1e-4 * rng.normal(size=10)
+        assert _apart(rotate, known) < 1e-3 * np.sum((rotate @ known) ** 2)
