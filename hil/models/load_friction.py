@@ -6,12 +6,13 @@ arm; another one's place bends a cable, and its motion drags one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hil.models.effect import (
+    BOUNDS,
     Doc,
     Effect,
     Fitted,
@@ -38,6 +39,8 @@ _OWN = "min(1, 1e9 * abs(mode))"
 _SIDE = f"abs(mode + 1 - {_OWN})"
 _RELATIVE = f"({_OWN} * v + (mode + 1 - {_OWN}) * vk)"
 
+#: The code of the motor's own effort.
+OF_MOTOR = 2
 #: Which load rubs.
 _OF_LOAD = Param(
     "of",
@@ -73,6 +76,34 @@ def _load_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Sha
     return [(of, own), *((of, x) for x in motor_inertias(motion, j, own))]
 
 
+#: Share of the motor's own effort that friction may take.  A screw or worm that locks itself still
+#: passes a fifth to a half (Budynas, Nisbett, Shigley's Mechanical Engineering Design, 2015, 8-2).
+#: Half: self-locking gears go unnamed; all of it: whatever brakes is explained by the effort that
+#: overcomes it.
+MOST_TAKEN = 0.9
+#: Share of a run's speeds up to which it does.
+NEARLY_ALL = 0.95
+
+
+def _load_friction_passes(f: Fitted) -> bool:
+    """Friction of the motor's own effort leaves some of it: else any effort explains itself."""
+    return int(f.shape[0]) != OF_MOTOR or f.beta[0] < MOST_TAKEN
+
+
+def _load_viscous_passes(f: Fitted) -> bool:
+    """The same at nearly every speed of the run."""
+    fast = float(np.quantile(np.abs(f.motion.qd[:, f.j]), NEARLY_ALL))
+    return int(f.shape[0]) != OF_MOTOR or f.beta[0] * fast < MOST_TAKEN
+
+
+def _locked(passes: Callable[[Fitted], bool]) -> Limit:
+    return Limit(
+        "locked",
+        passes,
+        says="hardly any of the motor's effort would pass, and any effort explains itself",
+    )
+
+
 class LoadFriction(Effect):
     """Friction that grows with the effort that the joint transmits."""
 
@@ -97,6 +128,7 @@ class LoadFriction(Effect):
         Param("i", "{F} s^2/{x}", "inertia of the motor within the model's masses"),
     )
     search = Grid(_load_friction_grid, across=_load_friction_across, refine=False, rounds=4)
+    limits = (BOUNDS, _locked(_load_friction_passes))
     traits = Trait.LOAD
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -109,7 +141,7 @@ class LoadFriction(Effect):
 
 def _transmitted(motion: Motion, j: int, of: int) -> FloatArray:
     """The load of a form of load friction, shape (n,)."""
-    return motion.driven(j) if of == 2 else (motion.load, motion.static)[of][:, j]
+    return motion.driven(j) if of == OF_MOTOR else (motion.load, motion.static)[of][:, j]
 
 
 class LoadViscous(Effect):
@@ -131,6 +163,7 @@ class LoadViscous(Effect):
     params = (Param("b", "s/{x}", "friction per transmitted effort and speed", 0.0),)
     shape = (_OF_LOAD,)
     search = Grid(_loads_that_differ)
+    limits = (BOUNDS, _locked(_load_viscous_passes))
     traits = Trait.LOAD
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

@@ -235,3 +235,14 @@ def test_a_gain_varies_by_more_than_chance_and_leaves_something() -> None:
 )
 def test_rounding_does_not_close_an_interval(ends, words) -> None:
     assert interval(*ends) == words
+
+
+@pytest.mark.parametrize(
+    ("effect", "some", "all_of_it"), [("load-friction", 0.7, 1.0), ("load-viscous", 0.5, 0.9)]
+)
+def test_friction_of_the_motors_effort_leaves_some_of_it(effect, some, all_of_it) -> None:
+    """tau = |tau| sgn(v) holds of whatever brakes; of a load it says something."""
+    others = (0.0,) if effect == "load-friction" else ()
+    assert allowed(effect, (2.0, *others), (some,))
+    assert not allowed(effect, (2.0, *others), (all_of_it,))
+    assert allowed(effect, (0.0, *others), (all_of_it,))
