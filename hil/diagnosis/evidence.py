@@ -112,7 +112,7 @@ def _try(projector: Projector, result: FitResult, term: Term) -> Candidate | Non
     size = float(np.sum(columns**2))
     if size == 0.0:
         return None
-    absorbed = float(np.sum(qc**2)) / size
+    absorbed = _absorbed(columns, qc)
     dof = _directions(columns) + _free(term, projector)
     net = _net(projector, reduced, term)
     parts = _parts(projector, term, net, columns @ beta, qc @ beta)
@@ -137,6 +137,17 @@ def _shaped(projector: Projector, reduced: Projector, term: Term) -> Term:
     other, _ = best_shape(reduced, term, accuracy=COARSE)
     both = [t for t in (found, other) if t.shape or not t.effect.shape]
     return max(both, key=lambda t: reduced.gain(t), default=found)
+
+
+def _absorbed(columns: FloatArray, known: FloatArray) -> float:
+    """Share of the newest of columns (N, m) that the base takes, which is known (r, m) in Q.
+
+    Column by column: each has its own unit, and a spring's stiffness over a stroke of a millimetre
+    is small beside its rest.
+    """
+    size, taken = np.sum(columns**2, axis=0), np.sum(known**2, axis=0)
+    live = size > RANK_ROUNDING**2 * float(size.max())
+    return float(np.min(taken[live] / size[live]))
 
 
 def _directions(columns: FloatArray) -> int:

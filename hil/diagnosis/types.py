@@ -98,7 +98,7 @@ class Candidate:
     missed : float
         chi2 of what it leaves above the noise floor: its law misses no more than that.
     absorbed : float
-        Share of its columns that the base model imitates (1 = indistinguishable from it).
+        Share of its newest column that the base model imitates (1 = indistinguishable from it).
     p_value : float
         Family-wise, by sign flips of noise blocks.
     coefficients, errors : tuple of float
