@@ -305,6 +305,8 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
 
 #: Why a name is not sure that has rivals.
 AS_WELL = "other effects explain the same error about as well"
+#: Why an effect has none that held-out runs hardly show.
+LESS = "on the held-out runs it explains less than the laws before it may miss"
 
 
 def floored(out: Diagnosis) -> Diagnosis:
@@ -611,6 +613,8 @@ def finding(
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
     j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
     explain, own = _explain(search, c, (floor, other), taken), n.confidence
+    hardly = _hardly_there(search, c, (rungs[max(k - 1, 0)], after), j, other)
+    explain.append((float(not hardly), LESS))
     share = min(value for value, _ in explain)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
     least_sure = [*explain, (own, AS_WELL)]
@@ -633,6 +637,26 @@ def finding(
         list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
         min(least_sure)[1],
         problem.joints[j] if c.term.effect.scope.whole or j != c.term.joint else "",
+    )
+
+
+def _hardly_there(
+    search: Search, c: Candidate, steps: tuple[Visited, Step], j: int, floor: FloatArray | None
+) -> bool:
+    """Whether held-out runs surely show less of an effect than the laws before it may miss.
+
+    The rule that the fitted runs have passed ("discrepancy"), on runs that no value has seen.
+    """
+    before, after = steps
+    first, then, last = search.base, before.step.heldout, search.now.step.heldout
+    dated = c.term.effect.variation.dated(c.term.shape)
+    if floor is None or dated or before is first or last.rms[j] <= ADEQUATE * floor[j]:
+        return False
+    taken = max(float(first.errors.power[j] - before.errors.power[j]), 1e-300)
+    part = rules.inaccuracy(search, c, j, float(before.errors.power[j])) / taken
+    share, error = after.heldout.share(then, 0.0, j)
+    return float((share + SURE * error) * then.rms[j] ** 2) < part * float(
+        first.step.heldout.rms[j] ** 2 - then.rms[j] ** 2
     )
 
 

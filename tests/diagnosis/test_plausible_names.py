@@ -7,8 +7,8 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis import attribution
-from hil.diagnosis.types import Candidate
+from hil.diagnosis import attribution, engine
+from hil.diagnosis.types import Candidate, HeldOut
 from hil.identify.design import Term
 from hil.models import catalogue
 
@@ -180,3 +180,39 @@ def test_that_a_wave_of_one_turn_fits_by_little_better_is_no_evidence(monkeypatc
         monkeypatch.setattr(attribution, name, lambda *_: False)
     share = attribution.weights(wave, [smooth], SimpleNamespace(problem=problem))
     assert (share[1] > 0.3) is open_ and (share[0] > 0.95) is not open_
+
+
+@pytest.mark.parametrize(
+    ("effect", "after", "last", "hardly"),
+    [
+        ("spring", 0.499, 0.4, True),
+        # it removes much, or the held-out run is at its floor with all others beside it
+        ("spring", 0.2, 0.2, False),
+        ("spring", 0.499, 0.105, False),
+        # an instant of a fitted run is none of theirs
+        ("payload-change", 0.499, 0.4, False),
+    ],
+)
+def test_a_second_law_shows_on_held_out_runs_by_more_than_the_first_may_miss(
+    effect, after, last, hardly
+):
+    """Of an error of 1 the first law leaves 0.5."""
+    rng = np.random.default_rng(1)
+    noise, blocks = rng.normal(size=(1, 4000)), np.arange(4000) // 100
+
+    def step(size):
+        held = HeldOut(size * noise, np.ones((1, 4000)), blocks, "holdout")
+        return SimpleNamespace(heldout=held)
+
+    def rung(size):
+        return SimpleNamespace(step=step(size), errors=SimpleNamespace(power=np.array([size**2])))
+
+    term = Term(catalogue.get(effect), 0, catalogue.get(effect).variation.single or (0.0,))
+    problem = SimpleNamespace(robot=None)
+    search = SimpleNamespace(base=rung(1.0), now=rung(last), problem=problem)
+    candidate = Candidate(term, 1.0, 1.0)
+    steps = (rung(0.5), step(after))
+    assert engine._hardly_there(search, candidate, steps, 0, np.array([0.1])) is hardly
+    assert not engine._hardly_there(search, candidate, steps, 0, None)
+    first = (search.base, step(after))
+    assert not engine._hardly_there(search, candidate, first, 0, np.array([0.1]))
