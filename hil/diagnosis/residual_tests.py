@@ -526,10 +526,26 @@ def _struck(problem: Problem, j: int, r: FloatArray, blocks: NDArray[np.int_]) -
     z = np.where(full, z, 0.0)
     beyond = binary_propagation(z > CERTAIN, mask=z > SURE)
     rest = float(np.mean(power[full & ~beyond]))
-    most = BEATEN * float(full.sum())
+    most, wide = BEATEN * float(full.sum()), binary_dilation(beyond)
     if float(np.sum(beyond)) > most or float(np.mean(power[full])) < ADEQUATE**2 * rest:
         return none
-    return np.asarray(binary_dilation(beyond)[blocks])
+    if _often(wide & full, full, blocks, problem):
+        return none
+    return np.asarray(wide[blocks])
+
+
+def _often(
+    struck: NDArray[np.bool_], full: NDArray[np.bool_], blocks: NDArray[np.int_], problem: Problem
+) -> bool:
+    """Whether blocks make up many moments, and much of the time, of some run: it is the motion."""
+    run = np.full(struck.size, -1)
+    run[blocks] = problem.whole[problem.run]
+    for k in range(problem.runs):
+        own = struck[run == k]
+        moments = int(np.sum(np.diff(own.astype(int), prepend=0) > 0))
+        if moments > NAMED and float(own.sum()) > BEATEN * float(full[run == k].sum()):
+            return True
+    return False
 
 
 def _elsewhere_alike(

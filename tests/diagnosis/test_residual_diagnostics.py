@@ -13,7 +13,15 @@ import hil
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import short, text
 from hil.diagnosis.constants import BURSTS, CERTAIN, SURE, SWINGS
-from hil.diagnosis.residual_tests import STARTS, TOUCHED, UNLIKE, _slowly, kurtosis, touches
+from hil.diagnosis.residual_tests import (
+    STARTS,
+    TOUCHED,
+    UNLIKE,
+    _often,
+    _slowly,
+    kurtosis,
+    touches,
+)
 from hil.diagnosis.verbs import ladder
 from hil.report.html import diagnosis_report
 
@@ -172,3 +180,17 @@ def test_what_acts_where_a_joint_is_only_then_is_no_push():
     assert touches(hil.fit([run], hil.base_model(run.robot))) == []
     d = hil.diagnose([run], hil.base_model(run.robot))
     assert not any(code == TOUCHED for code, _ in d.warnings)
+
+
+@pytest.mark.parametrize(("moments", "long", "often"), [(5, 4, True), (2, 8, False), (5, 1, False)])
+def test_what_acts_many_times_and_for_long_comes_with_the_motion(moments, long, often):
+    """Drag of an eddy brake was told as a hand that pushed five times in 25 s."""
+    struck, every = np.zeros(100, dtype=bool), np.ones(100, dtype=bool)
+    for k in range(moments):
+        struck[9 * k : 9 * k + long] = True
+    # a second run, twice as long, in which nothing acts
+    blocks = np.arange(300).repeat(2) // 2
+    runs = SimpleNamespace(runs=2, whole=np.array([0, 1]), run=(blocks >= 50).astype(int))
+    wide = np.concatenate([struck[:50], np.zeros(250, dtype=bool)])
+    full = np.concatenate([every, every, every])
+    assert _often(wide, full, blocks, runs) is often
