@@ -100,6 +100,8 @@ def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
         alone = parser.alone
         where = "files and names stand together, before the options"
         where = f"the command takes {alone} and options" if alone else where
+        if "--holdout" in parser.options():
+            where += ", and --holdout before each held-out session"
         parser.error(f"unexpected {extra[0]!r}; {where}")
 
 

@@ -501,8 +501,9 @@ def verdict(d: Diagnosis) -> str:
             "not the held-out data."
         )
     if d.verdict == "unexplained" and only_there(d.ladder[-1], d.last, d.noise):
+        which = "the model" if len(d.ladder) == 1 else "the improved model"
         return (
-            "unexplained: the model explains the fitted data down to the noise floor, but not the "
+            f"unexplained: {which} explains the fitted data down to the noise floor, but not the "
             "held-out data."
         )
     if d.verdict == "adequate":

@@ -134,6 +134,8 @@ def remains(m: Material) -> str:
     """
     ratios = m.ratio(m.explained)
     j = int(np.argmax(ratios))
+    if m.verdict == "unexplained" and m.after.heldout.kind == "holdout" and ratios[j] <= ADEQUATE:
+        return _fitted_alone(m)
     if ratios[j] <= ADEQUATE or m.verdict == "adequate":
         return ""
     lead = "With the named effects alone the" if m.findings else "The"
@@ -143,6 +145,19 @@ def remains(m: Material) -> str:
     return (
         f"{lead} error of {m.joints[j]} is {still}{now} times the noise floor{of}"
         f"{_variables(m, j)}. No further effect passes every test."
+    )
+
+
+def _fitted_alone(m: Material) -> str:
+    """That the held-out runs are at their noise floor, where the fitted ones are not at theirs."""
+    ratios = m.after.result.rms / np.maximum(m.last.floor.rms, 1e-300)
+    j = int(np.argmax(np.where(m.problem.holds, 0.0, ratios)))
+    if ratios[j] <= ADEQUATE:
+        return ""
+    return (
+        "The errors of the table are those of the held-out runs, which are at their noise floor. "
+        f"On the fitted runs the error of {m.joints[j]} is {ratios[j]:.2f} times theirs"
+        f"{_variables(m, j)}."
     )
 
 
@@ -328,7 +343,8 @@ def headline(m: Material) -> str:
     if m.verdict == "unexplained":
         joint = _open(m)
         if only_there(m.after, m.last, m.floor):
-            return f"The model explains the fitted data, but not {joint} in the held-out data."
+            which = "The model" if m.after is m.before else "The improved model"
+            return f"{which} explains the fitted data, but not {joint} in the held-out data."
         if at_reversals(m.explained, m.last, m.floor):
             return AT_REVERSALS
         no_noise = _unlike_alone(m)
@@ -569,6 +585,8 @@ APART = (
     "Record the robot free of contact, or with the force on it measured; check that efforts, "
     "positions and the description belong together."
 )
+#: Code of the check of a recording's rate.
+RATE = "sample-rate"
 #: Where what is left acts at low speed.
 SLOWLY = "Record slow strokes with many starts and turns: they show friction at low speed."
 #: Verdict -> what follows from it alone.
@@ -630,7 +648,14 @@ def _listed(s: Indistinguishable, findings: Sequence[Finding]) -> bool:
 
 
 def next_steps(m: Material) -> list[str]:
-    """What to do now, in plain words."""
+    """What to do now, in plain words; the rate of the recording where it is doubted."""
+    slow = {text for code, text in m.warnings if code == RATE and m.verdict != "adequate"}
+    tail = " before you rely on a name." if m.findings else "."
+    return [text + tail for text in sorted(slow)] + _steps(m)
+
+
+def _steps(m: Material) -> list[str]:
+    """What follows from the verdict."""
     named = {f.effect for f in m.findings}
     rivals = [s for s in m.sets if named & set(s.effects)]
     if m.verdict == "missing-effect":

@@ -26,7 +26,7 @@ from hil.models.parts import Trait
 from hil.report.data import Files, diagnosis_json, from_diagnosis, with_files
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import AGAIN, CHECK_FIRST, laws, next_steps, percent
+from hil.report.text import AGAIN, CHECK_FIRST, FIXED, laws, next_steps, percent
 
 
 @pytest.fixture(scope="module")
@@ -527,3 +527,20 @@ def test_who_lacks_the_description_is_asked_for_that_before_all_else(plain):
     assert next_steps(m)[0].startswith("Give the robot's description first (--robot ARM.urdf)")
     described = from_diagnosis(replace(d, warnings=warnings[1:]))
     assert next_steps(described)[0] == f"{CUT_THERE}."
+
+
+@pytest.mark.parametrize(
+    ("named", "end"), [(True, " before you rely on a name."), (False, "more.")]
+)
+def test_a_slow_rate_is_told_before_what_follows_from_it(plain, named, end):
+    slow = ("sample-rate", "50 Hz is slow for dynamics. Record at 100 Hz or more")
+    m = replace(
+        from_diagnosis(plain),
+        warnings=[slow, slow],
+        findings=[replace(finding("spring"), confidence=1.0)] * named,
+    )
+    m = replace(m, verdict="missing-effect" if named else "unexplained")
+    first, *rest = next_steps(m)
+    assert first.startswith("50 Hz is slow") and first.endswith(end)
+    assert rest == next_steps(replace(m, warnings=[]))
+    assert next_steps(replace(m, verdict="adequate"))[0] == FIXED["adequate"][0]

@@ -185,6 +185,7 @@ def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
         ("run --secnds 3", "unknown option --secnds; did you mean --seconds?"),
         ("diagnose", "required: S.mcap"),
         ("diagnose a.mcap --model m.toml b.mcap", "unexpected 'b.mcap'"),
+        ("diagnose a.mcap --holdout b.mcap c.mcap", "--holdout before each held-out session"),
         ("info --frobnicate", "unknown option --frobnicate."),
         ("-x", "unknown option -x"),
         ("bench emsp", "argument NAME: unknown value 'emsp'. Did you mean 'emps'?"),
