@@ -353,8 +353,9 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
     """The set with its reason and the motion that separates it best; None if it is told apart."""
     choice = None
     if planner is not None and len(s.among):
-        names = tuple(c.name for c in s.among)
-        choice = planner.plan(_group(s, sets), names)
+        some = _of_one_run(s.among, planner)
+        group = _of_one_run(_group(s, sets), planner)
+        choice = planner.plan(group, tuple(c.name for c in some))
     ways = [w for c in s.among for w in catalogue.get(c.name).doc.shown_by.split("; ")]
     shown = "; ".join(dict.fromkeys(ways))
     if choice is None or planner is None:
@@ -369,6 +370,16 @@ def _planned(s: _Set, sets: list[_Set], planner: Planner | None) -> Indistinguis
     if s.aside and choice.now is not None and choice.now.decided:
         return None
     return _by_motion(s, choice, planner)
+
+
+def _of_one_run(among: tuple[Candidate, ...], planner: Planner) -> tuple[Candidate, ...]:
+    """Rivals that one planned run can show: in it a value of every run is one of the model's own.
+
+    What tells the others from the model tells them from it as well.
+    """
+    own = {t.key for t in planner.result.terms}
+    some = tuple(c for c in among if not (c.term.per_run and c.term.key in own))
+    return some or among
 
 
 def _structural(s: _Set, choice: Choice) -> str:
