@@ -76,6 +76,10 @@ SMEAR = 0.35
 #: fine its encoder is.  Half: a dwell under integral action is motion; double: the slowest of
 #: the strokes that show a Stribeck curve are none.
 CREEP = 0.01
+#: Rows of a recording in half a period of the effort filter below which as many rows without a
+#: count are a standstill where the joint is turned sharply.  Half: sticks of slow recordings are
+#: motion; double: so they are where rows are enough to tell.
+FEW_ROWS, STUCK = 10.0, 3.0
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
 SCARCE = 0.1
 #: Resolutions within which a joint stays for nine tenths of the time that only holds its place.
@@ -159,13 +163,18 @@ def standing(
         rests = _within(q[:, j], band, window, fs, cutoff)
         creeps = _within(fine[:, j], CREEP * speed * slow, slow, fs * finer, cutoff)
         out[:, j] = np.maximum(nearest(rests, 1 / finer), creeps)
+        # the same for a shorter time where it is sharply accelerated before or after
+        near = 2 * int(np.ceil(longest * fs)) + 1
+        most = scipy.ndimage.maximum_filter1d(np.abs(qdd[:, j]), near)
         if slow > longest:
-            # the same for a shorter time where it is sharply accelerated before or after
-            near = 2 * int(np.ceil(longest * fs)) + 1
-            most = scipy.ndimage.maximum_filter1d(np.abs(qdd[:, j]), near)
             sharp = (most > turns / longest).astype(np.float64)
             sticks = _within(fine[:, j], CREEP * speed * longest, longest, fs * finer, cutoff)
             out[:, j] = np.maximum(out[:, j], sticks * nearest(sharp, 1 / finer))
+        brief = STUCK / fs
+        if fs * longest < FEW_ROWS and brief < window:
+            sharp = (most > 1.5**2 * 8 * band / brief**2).astype(np.float64)
+            held = _within(q[:, j], band, brief, fs, cutoff) * sharp
+            out[:, j] = np.maximum(out[:, j], nearest(held, 1 / finer))
     return out
 
 

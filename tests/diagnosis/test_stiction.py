@@ -115,3 +115,20 @@ def test_a_joint_that_sticks_for_a_few_slow_rows_stands_still(rests: float) -> N
     share = np.mean(still) * len(path) * fine / 30
     assert share > rests or share == 0.0 == rests
     assert share < rests + 0.1
+
+
+@pytest.mark.parametrize(("rests", "fs", "found"), [(0.04, 100.0, True), (0.0, 100.0, False)])
+def test_three_rows_on_one_count_are_a_rest_where_a_joint_is_turned_sharply(rests, fs, found):
+    """Behind a filter of 20 Hz the joint swings through its stick."""
+    fine, count = 1e-3, 1e-4
+    v, turn = [], np.linspace(-0.6, 0.6, 60)
+    for k in range(30):
+        up = (-1.0) ** k
+        held = np.zeros(round(rests / fine))
+        v += [np.full(700 + 7 * k, -0.6 * up), up * turn[:30], held, up * turn[30:]]
+    path = np.cumsum(np.concatenate(v)) * fine
+    q = np.round(path[:: round(1 / fs / fine)][:, None] / count) * count
+    _, qd, qdd = derivatives(q, fs, 20.0)
+    still = standing(q, qd, qdd, fs, 0.5 / 6.7, 20.0)[:, 0]
+    assert bool(np.mean(still) > 30 * rests / (len(path) * fine)) is found
+    assert np.mean(still) < 30 * (rests + 0.1) / (len(path) * fine)
