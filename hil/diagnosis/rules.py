@@ -237,7 +237,10 @@ def inaccuracy(search: Search, c: Candidate, j: int, without: float) -> float:
     `without`: what they leave.
     """
     explained = float(search.base.errors.power[j]) - without
-    if c.term.effect.family == "friction" or ripples(c.term, search.problem):
+    if c.term.effect.variation.timed(c.term.shape):
+        # what a law of the motion misses comes again with the motion
+        explained -= search.of_motion(j)
+    elif c.term.effect.family == "friction" or ripples(c.term, search.problem):
         explained -= search.of_conservative(j)
     return DISCREPANCY * max(explained, 0.0)
 

@@ -7,7 +7,7 @@ judged by is what is left now, on blocks that it was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -102,10 +102,17 @@ class Search(Models):
 
     def of_conservative(self, j: int) -> float:
         """Power of joint j's error that masses and springs took, added without other laws there."""
+        return self._taken_by(lambda c: c.term.effect.family in ("mass", "stiffness"), j)
+
+    def of_motion(self, j: int) -> float:
+        """The same of laws of the motion alone, which are the same at any time."""
+        return self._taken_by(lambda c: not c.term.effect.variation.timed(c.term.shape), j)
+
+    def _taken_by(self, kind: Callable[[Candidate], bool], j: int) -> float:
         out = 0.0
         for before, after in pairwise(self.rungs[self.start :]):
             there = [c for c in after.added if c.joint == j]
-            if there and all(c.term.effect.family in ("mass", "stiffness") for c in there):
+            if there and all(map(kind, there)):
                 out += float(before.errors.power[j] - after.errors.power[j])
         return out
 

@@ -316,20 +316,30 @@ def test_a_wave_at_the_end_of_its_range_leaves_no_more_than_the_floor(
 
 
 @pytest.mark.parametrize(
-    ("effect", "masses", "stopped"),
+    ("effect", "shape", "masses", "motion", "stopped"),
     [
-        ("friction-drift", 1.0, False),
-        ("friction-drift", 0.0, True),
-        ("spring", 1.0, True),
+        ("asymmetric-coulomb", (), 1.0, 1.0, False),
+        ("asymmetric-coulomb", (), 0.0, 1.0, True),
+        ("spring", (), 1.0, 1.0, True),
+        # by the clock: what laws of the motion miss comes again with the motion
+        ("offset-drift", (30.0, 0.0), 0.0, 1.0, False),
+        ("offset-drift", (30.0, 0.0), 1.0, 0.0, True),
+        ("friction-drift", (30.0, 0.0), 0.0, 1.0, False),
+        # warmed by the motion
+        ("friction-drift", (30.0, 2.0), 0.0, 1.0, True),
     ],
 )
-def test_friction_is_no_inaccuracy_of_a_mass(effect: str, masses: float, stopped: bool) -> None:
+def test_friction_is_no_inaccuracy_of_a_mass_nor_a_drift_of_what_moves(
+    effect: str, shape: tuple[float, ...], masses: float, motion: float, stopped: bool
+) -> None:
     """A hundredth of what other laws took may be what they miss; a mass misses no friction."""
     one = case(effect)
+    one.rated.candidate.term.shape = shape
     one.rated.before, one.rated.removed = 0.02, 0.01
     one.search = SimpleNamespace(
         base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
         of_conservative=lambda j: masses,
+        of_motion=lambda j: motion,
         problem=SimpleNamespace(d=1),
     )
     level = {"exceeded": lambda rms, j: rms[j] > 0.05, "rms": np.array([0.045])}
@@ -355,6 +365,7 @@ def test_a_series_does_all_that_a_law_misses(effect: str, stopped: bool) -> None
     """A polynomial over the position follows what a stop's law is off, down to the noise."""
     one = case(effect)
     one.rated.before, one.rated.removed, one.rated.after = 0.02, 0.0199, 1e-4
+    one.rated.candidate.term.shape = ()
     one.search = SimpleNamespace(
         base=SimpleNamespace(errors=SimpleNamespace(power=np.array([2.02]))),
         problem=SimpleNamespace(d=1),
