@@ -141,7 +141,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         lines += ["", _names_table(d)]
         open_ = d.verdict == "ambiguous"
         with_rivals = [f for f in d.findings if f.rivals and (open_ or f.confidence < CONFIDENT)]
-        lines += [f"  rivals of {where(f)}: {', '.join(f.rivals)}" for f in with_rivals]
+        lines += [f"  rivals of {where(f)}: {', '.join(f.weighed_rivals)}" for f in with_rivals]
         sure = [f for f in d.findings if f.confidence >= CONFIDENT]
         noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
@@ -570,7 +570,7 @@ def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     if caveat := catalogue.get(f.effect).doc.caveat:
         lines.append(f"    read with care: {caveat}")
     if f.rivals:
-        lines.append(f"    rivals with this motion: {', '.join(f.rivals)}")
+        lines.append(f"    rivals with this motion: {', '.join(f.weighed_rivals)}")
     return lines
 
 

@@ -625,6 +625,7 @@ def finding(
     ]
     least = float((floor if other is None else other)[j]) ** 2
     explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
+    rivals = _weighed(n, problem)
     return Finding(
         c.name,
         joint_of(c, problem),
@@ -634,10 +635,20 @@ def finding(
         float(after.heldout.standard_error()[j]),
         float(np.clip(explained, 0.0, 1.0)),
         {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
-        list(dict.fromkeys(rival_name(r, c, problem) for r in n.rivals)),
+        list(rivals),
         min(least_sure)[1],
         problem.joints[j] if c.term.effect.scope.whole or j != c.term.joint else "",
+        [round(w, 3) for w in rivals.values()] if all(rivals.values()) else [],
     )
+
+
+def _weighed(n: Named, problem: Problem) -> dict[str, float]:
+    """Names of an effect's rivals, and the weight that speaks most for each; 0 where unknown."""
+    out: dict[str, float] = {}
+    for k, r in enumerate(n.rivals):
+        name = rival_name(r, n.candidate, problem)
+        out[name] = max(out.get(name, 0.0), *(n.odds[k] if k < len(n.odds) else (0.0,)))
+    return out
 
 
 def _hardly_there(

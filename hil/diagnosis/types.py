@@ -461,6 +461,8 @@ class Finding:
     felt_on : str
         Joint whose errors these are, where that is not the effect's own or all joints feel it;
         else empty.
+    rival_weights : list of float
+        Weight of each rival, by the measure that speaks most for it; empty where it is not known.
     """
 
     effect: str
@@ -474,6 +476,15 @@ class Finding:
     rivals: list[str]
     reason: str = ""
     felt_on: str = ""
+    rival_weights: list[float] = field(default_factory=list)
+
+    @property
+    def weighed_rivals(self) -> list[str]:
+        """Rivals with their weights, e.g. ``spring (0.91)``."""
+        if len(self.rival_weights) != len(self.rivals):
+            return self.rivals
+        pairs = zip(self.rivals, self.rival_weights, strict=True)
+        return [f"{name} ({weight:.2f})" for name, weight in pairs]
 
 
 @dataclass(frozen=True, repr=False)

@@ -316,6 +316,7 @@ def finding_json(f: Finding) -> dict[str, object]:
         "excess_explained": rounded(f.excess_explained, 3),
         "parameters": {n: value_json(n, v) for n, v in f.parameters.items()},
         "rivals": f.rivals,
+        "rival_weights": f.rival_weights,
         "felt_on": f.felt_on,
     }
 

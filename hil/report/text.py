@@ -495,7 +495,7 @@ def details(m: Material, files: Files | None = None) -> list[str]:
 
 def _finding(m: Material, f: Finding) -> str:
     sure = "" if f.confidence >= CONFIDENT else ", too low to name it as the cause"
-    rivals = f" Rivals with this motion: {', '.join(f.rivals)}." if f.rivals else ""
+    rivals = f" Rivals with this motion: {', '.join(f.weighed_rivals)}." if f.rivals else ""
     text, errors = meaning(f.effect), _errors(m, f)
     return (
         f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "

@@ -13,20 +13,37 @@ from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import ERRORS, _contribution, _forms, _telling, short, text
-from hil.diagnosis.engine import diagnose
+from hil.diagnosis.attribution import Named
+from hil.diagnosis.engine import _weighed, diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
-from hil.diagnosis.types import EITHER, Finding, Indistinguishable, UnnamedCorrection, to_try
+from hil.diagnosis.types import (
+    EITHER,
+    Candidate,
+    Finding,
+    Indistinguishable,
+    UnnamedCorrection,
+    to_try,
+)
 from hil.diagnosis.verbs import compare, ladder
 from hil.diagnosis.verdict import NO_GEOMETRY, lateness
 from hil.identify import bands
+from hil.identify.design import Term
 from hil.models import catalogue
 from hil.models.model import Value, remark
 from hil.models.parts import Trait
-from hil.report.data import Files, diagnosis_json, from_diagnosis, with_files
+from hil.report.data import Files, diagnosis_json, finding_json, from_diagnosis, with_files
 from hil.report.elements import paragraph
 from hil.report.html import diagnosis_report
-from hil.report.text import AGAIN, CHECK_FIRST, FIXED, laws, next_steps, percent
+from hil.report.text import (
+    AGAIN,
+    CHECK_FIRST,
+    FIXED,
+    _finding,
+    laws,
+    next_steps,
+    percent,
+)
 
 
 @pytest.fixture(scope="module")
@@ -544,3 +561,24 @@ def test_a_slow_rate_is_told_before_what_follows_from_it(plain, named, end):
     assert first.startswith("50 Hz is slow") and first.endswith(end)
     assert rest == next_steps(replace(m, warnings=[]))
     assert next_steps(replace(m, verdict="adequate"))[0] == FIXED["adequate"][0]
+
+
+def test_rivals_are_told_with_their_weights_where_these_are_known(plain):
+    """A name at 0.09 led, and nothing said that its one rival had the rest."""
+    doubtful = replace(finding("unbalance"), rivals=["spring", "stribeck"])
+    assert doubtful.weighed_rivals == ["spring", "stribeck"]
+    doubtful = replace(doubtful, rival_weights=[0.81, 0.1])
+    assert doubtful.weighed_rivals == ["spring (0.81)", "stribeck (0.10)"]
+    m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful])
+    assert "Rivals with this motion: spring (0.81), stribeck (0.10)." in _finding(m, doubtful)
+    assert finding_json(doubtful)["rival_weights"] == [0.81, 0.1]
+
+
+def test_of_a_rival_on_two_joints_the_larger_weight_is_told():
+    term = Term(catalogue.get("spring"), 0, ())
+    mine, other = Candidate(term, 1.0, 1.0), Candidate(replace(term, joint=1), 1.0, 1.0)
+    unlike = Candidate(Term(catalogue.get("unbalance"), 0, ()), 1.0, 1.0)
+    problem = SimpleNamespace(joints=("a", "b"), d=2)
+    named = Named(mine, 0.5, [unlike, unlike, other], [(0.1, 0.2), (0.3, 0.1), (0.2, 0.2)])
+    assert _weighed(named, problem) == {"unbalance": 0.3, "spring on b": 0.2}
+    assert _weighed(replace(named, odds=[]), problem) == {"unbalance": 0.0, "spring on b": 0.0}
