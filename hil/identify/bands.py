@@ -76,10 +76,10 @@ SMEAR = 0.35
 #: fine its encoder is.  Half: a dwell under integral action is motion; double: the slowest of
 #: the strokes that show a Stribeck curve are none.
 CREEP = 0.01
-#: Rows of a recording in half a period of the effort filter below which as many rows without a
+#: Rows of a recording in half a period of the effort filter below which so many steps without a
 #: count are a standstill where the joint is turned sharply.  Half: sticks of slow recordings are
 #: motion; double: so they are where rows are enough to tell.
-FEW_ROWS, STUCK = 10.0, 3.0
+FEW_ROWS, STUCK = 10.0, 2.0
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
 SCARCE = 0.1
 #: Resolutions within which a joint stays for nine tenths of the time that only holds its place.
