@@ -613,7 +613,7 @@ def finding(
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
     j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
     explain, own = _explain(search, c, (floor, other), taken), n.confidence
-    hardly = _hardly_there(search, c, (rungs[max(k - 1, 0)], after), j, other)
+    hardly = _hardly_there(search, c, (rungs[max(k - 1, 0)], rungs[k]), j, other)
     explain.append((float(not hardly), LESS))
     share = min(value for value, _ in explain)
     worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
@@ -652,20 +652,22 @@ def _weighed(n: Named, problem: Problem) -> dict[str, float]:
 
 
 def _hardly_there(
-    search: Search, c: Candidate, steps: tuple[Visited, Step], j: int, floor: FloatArray | None
+    search: Search, c: Candidate, steps: tuple[Visited, Visited], j: int, floor: FloatArray | None
 ) -> bool:
     """Whether held-out runs surely show less of an effect than the laws before it may miss.
 
-    The rule that the fitted runs have passed ("discrepancy"), on runs that no value has seen.
+    The rule that the fitted runs have passed ("discrepancy"), on runs that no value has seen.  Of
+    what took another law's place that law's doing is its own.
     """
     before, after = steps
     first, then, last = search.base, before.step.heldout, search.now.step.heldout
     dated = c.term.effect.variation.dated(c.term.shape)
-    if floor is None or dated or before is first or last.rms[j] <= ADEQUATE * floor[j]:
+    old, new = ({t.key for t in r.step.result.terms} for r in steps)
+    if floor is None or dated or old - new or before is first or last.rms[j] <= ADEQUATE * floor[j]:
         return False
     taken = max(float(first.errors.power[j] - before.errors.power[j]), 1e-300)
     part = rules.inaccuracy(search, c, j, float(before.errors.power[j])) / taken
-    share, error = after.heldout.share(then, 0.0, j)
+    share, error = after.step.heldout.share(then, 0.0, j)
     return float((share + SURE * error) * then.rms[j] ** 2) < part * float(
         first.step.heldout.rms[j] ** 2 - then.rms[j] ** 2
     )

@@ -200,19 +200,21 @@ def test_a_second_law_shows_on_held_out_runs_by_more_than_the_first_may_miss(
     rng = np.random.default_rng(1)
     noise, blocks = rng.normal(size=(1, 4000)), np.arange(4000) // 100
 
-    def step(size):
+    def rung(size, *laws):
         held = HeldOut(size * noise, np.ones((1, 4000)), blocks, "holdout")
-        return SimpleNamespace(heldout=held)
-
-    def rung(size):
-        return SimpleNamespace(step=step(size), errors=SimpleNamespace(power=np.array([size**2])))
+        terms = [SimpleNamespace(key=(name, 0)) for name in laws]
+        step = SimpleNamespace(heldout=held, result=SimpleNamespace(terms=terms))
+        return SimpleNamespace(step=step, errors=SimpleNamespace(power=np.array([size**2])))
 
     term = Term(catalogue.get(effect), 0, catalogue.get(effect).variation.single or (0.0,))
     problem = SimpleNamespace(robot=None)
     search = SimpleNamespace(base=rung(1.0), now=rung(last), problem=problem)
     candidate = Candidate(term, 1.0, 1.0)
-    steps = (rung(0.5), step(after))
+    steps = (rung(0.5, "delay"), rung(after, "delay", effect))
     assert engine._hardly_there(search, candidate, steps, 0, np.array([0.1])) is hardly
     assert not engine._hardly_there(search, candidate, steps, 0, None)
-    first = (search.base, step(after))
+    first = (search.base, rung(after, effect))
     assert not engine._hardly_there(search, candidate, first, 0, np.array([0.1]))
+    # what took the place of another law has done what that one did
+    instead = (rung(0.5, "delay"), rung(after, effect))
+    assert not engine._hardly_there(search, candidate, instead, 0, np.array([0.1]))
