@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numba
@@ -80,6 +81,8 @@ CREEP = 0.01
 #: count are a standstill where the joint is turned sharply.  Half: sticks of slow recordings are
 #: motion; double: so they are where rows are enough to tell.
 FEW_ROWS, STUCK = 10.0, 2.0
+#: A reversal with acceleration a stays within a band b for sqrt(8 b / a); and 1.5 times that.
+_TURNS = 1.5**2 * 8
 #: A joint with less than this share of its instants left keeps them all: poses are all there is.
 SCARCE = 0.1
 #: Resolutions within which a joint stays for nine tenths of the time that only holds its place.
@@ -154,31 +157,28 @@ def standing(
             PEAK_TO_PEAK * float(noise[j]) * (quantum[j] == 0), 1.01 * quantum[j], 1e-6 * span
         )
         typical = max(float(np.sqrt(np.mean(qdd[:, j] ** 2))), 1e-12)
+        within = partial(_within, q[:, j], fs=fs, cutoff=cutoff)
+        creeps = partial(_within, fine[:, j], fs=fs * finer, cutoff=cutoff)
         # a reversal with acceleration a stays within the band for sqrt(8 band / a)
-        window = float(np.clip(1.5 * np.sqrt(8 * band / typical), 5 / fs, longest))
-        speed = float(np.sqrt(np.mean(qd[:, j] ** 2)))
+        window = float(np.clip(np.sqrt(_TURNS * band / typical), 5 / fs, longest))
+        speed = CREEP * float(np.sqrt(np.mean(qd[:, j] ** 2)))
         # w = 1.5 sqrt(8 c v w / a): for so long a reversal is slower than the share c of v
-        turns = 1.5**2 * 8 * CREEP * speed
-        slow = max(longest, turns / typical)
-        rests = _within(q[:, j], band, window, fs, cutoff)
-        creeps = _within(fine[:, j], CREEP * speed * slow, slow, fs * finer, cutoff)
-        out[:, j] = np.maximum(nearest(rests, 1 / finer), creeps)
-        # the same for a shorter time where it is sharply accelerated before or after
+        slow = max(longest, _TURNS * speed / typical)
+        rests, moves = within(band, window), creeps(speed * slow, slow)
+        # for a shorter time where it is sharply accelerated before or after
         near = 2 * int(np.ceil(longest * fs)) + 1
-        most = scipy.ndimage.maximum_filter1d(np.abs(qdd[:, j]), near)
+        sharp = scipy.ndimage.maximum_filter1d(np.abs(qdd[:, j]), near)
         if slow > longest:
-            sharp = (most > turns / longest).astype(np.float64)
-            sticks = _within(fine[:, j], CREEP * speed * longest, longest, fs * finer, cutoff)
-            out[:, j] = np.maximum(out[:, j], sticks * nearest(sharp, 1 / finer))
+            quick = nearest((sharp > _TURNS * speed / longest).astype(float), 1 / finer)
+            moves = np.maximum(moves, creeps(speed * longest, longest) * quick)
         brief = STUCK / fs
         if fs * longest < FEW_ROWS and brief < window:
-            sharp = (most > 1.5**2 * 8 * band / brief**2).astype(np.float64)
-            held = _within(q[:, j], band, brief, fs, cutoff) * sharp
-            out[:, j] = np.maximum(out[:, j], nearest(held, 1 / finer))
+            rests = np.maximum(rests, within(band, brief) * (sharp > _TURNS * band / brief**2))
+        out[:, j] = np.maximum(nearest(rests, 1 / finer), moves)
     return out
 
 
-def _within(x: FloatArray, band: float, window: float, fs: float, cutoff: float) -> FloatArray:
+def _within(x: FloatArray, band: float, window: float, *, fs: float, cutoff: float) -> FloatArray:
     """1 where x (n,) stays within a band for a time [s], and where a filter smears that."""
     edge = 2 * int(np.ceil(SMEAR / cutoff * fs))
     size = 2 * int(np.ceil(window * fs / 2)) + 1
