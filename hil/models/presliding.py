@@ -152,6 +152,10 @@ def _presliding_remark(values: Mapping[str, float], errors: Mapping[str, float])
     )
 
 
+#: A displacement is the least that is tried from this share of it on.
+AT_THE_END = 1.02
+
+
 def _least(motion: Motion, j: int) -> float:
     """Least displacement that is tried for joint j [rad or m]."""
     span = float(np.ptp(motion.span[j])) or 1.0
@@ -181,11 +185,13 @@ def _presliding_carries(f: Fitted) -> bool:
 def _presliding_wide(f: Fitted) -> bool:
     """Over more than the least displacement that is tried: else a sign that turns a little late.
 
-    Bristles that carry and are damped show by their damping, however stiff they are.
+    Bristles that carry and are damped show by their damping, however stiff they are, but at the
+    end of what is tried.
     """
     least = LOOP_SHARE * sum(f.beta)
     carries = [b > max(e, least) for b, e in zip(f.beta, f.slack, strict=True)]
-    if f.shape[1] == LUGRE and carries[1] and carries[3]:
+    inside = f.shape[0] > AT_THE_END * _least(f.motion, f.j)
+    if f.shape[1] == LUGRE and carries[1] and carries[3] and inside:
         return True
     widest = 1.0 if f.shape[1] == LUGRE or not carries[3] else 9.0
     return widest * f.shape[0] >= FORM_REACH * _least(f.motion, f.j)
