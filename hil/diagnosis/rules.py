@@ -57,6 +57,7 @@ from hil.models.effect import SOLID, Trait, Waves
 if TYPE_CHECKING:
     from hil.diagnosis.remodel import Visited
     from hil.diagnosis.search import Search
+    from hil.identify.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -237,12 +238,26 @@ def inaccuracy(search: Search, c: Candidate, j: int, without: float) -> float:
     `without`: what they leave.
     """
     explained = float(search.base.errors.power[j]) - without
-    if c.term.effect.variation.timed(c.term.shape):
+    if c.term.effect.variation.timed(c.term.shape) and _steady(search.problem, j):
         # what a law of the motion misses comes again with the motion
         explained -= search.of_motion(j)
     elif c.term.effect.family == "friction" or ripples(c.term, search.problem):
         explained -= search.of_conservative(j)
     return DISCREPANCY * max(explained, 0.0)
+
+
+def _steady(problem: Problem, j: int) -> bool:
+    """Whether joint j moves about as fast in every third of all runs.
+
+    Where a chirp or a ramp does not, what a law of the motion misses follows the time as well.
+    """
+    for k in range(len(problem.recordings)):
+        speed = problem.qd[j, problem.run == k]
+        for x in (speed, np.diff(speed)):
+            power = [float(np.mean(part**2)) for part in np.array_split(x, 3)]
+            if min(power) < HALF**2 * max(power):
+                return False
+    return True
 
 
 @_candidate("physical")

@@ -36,6 +36,13 @@ def case(effect: str, **more: Any) -> Any:
     return SimpleNamespace(rated=SimpleNamespace(candidate=c, joint=0))
 
 
+def moving(faster: float) -> Any:
+    """A run of one joint on a sine, or on a chirp."""
+    t = np.linspace(0.0, 60.0, 3000)
+    speed = np.sin(2.0 * t * (1.0 + 0.05 * faster * t))[None]
+    return SimpleNamespace(d=1, recordings=[None], run=np.zeros(t.size, dtype=int), qd=speed)
+
+
 @pytest.mark.parametrize(("p_value", "stopped"), [(LEVEL / 2, False), (LEVEL * 2, True)])
 def test_what_noise_does_as_well_is_not_detected(p_value: float, stopped: bool) -> None:
     reason = rules.CANDIDATE["detected"](case("stribeck", p_value=p_value))
@@ -316,21 +323,28 @@ def test_a_wave_at_the_end_of_its_range_leaves_no_more_than_the_floor(
 
 
 @pytest.mark.parametrize(
-    ("effect", "shape", "masses", "motion", "stopped"),
+    ("effect", "shape", "masses", "motion", "faster", "stopped"),
     [
-        ("asymmetric-coulomb", (), 1.0, 1.0, False),
-        ("asymmetric-coulomb", (), 0.0, 1.0, True),
-        ("spring", (), 1.0, 1.0, True),
+        ("asymmetric-coulomb", (), 1.0, 1.0, 0.0, False),
+        ("asymmetric-coulomb", (), 0.0, 1.0, 0.0, True),
+        ("spring", (), 1.0, 1.0, 0.0, True),
         # by the clock: what laws of the motion miss comes again with the motion
-        ("offset-drift", (30.0, 0.0), 0.0, 1.0, False),
-        ("offset-drift", (30.0, 0.0), 1.0, 0.0, True),
-        ("friction-drift", (30.0, 0.0), 0.0, 1.0, False),
+        ("offset-drift", (30.0, 0.0), 0.0, 1.0, 0.0, False),
+        ("offset-drift", (30.0, 0.0), 1.0, 0.0, 0.0, True),
+        ("friction-drift", (30.0, 0.0), 0.0, 1.0, 0.0, False),
+        # but not with a chirp
+        ("offset-drift", (30.0, 0.0), 0.0, 1.0, 1.0, True),
         # warmed by the motion
-        ("friction-drift", (30.0, 2.0), 0.0, 1.0, True),
+        ("friction-drift", (30.0, 2.0), 0.0, 1.0, 0.0, True),
     ],
 )
 def test_friction_is_no_inaccuracy_of_a_mass_nor_a_drift_of_what_moves(
-    effect: str, shape: tuple[float, ...], masses: float, motion: float, stopped: bool
+    effect: str,
+    shape: tuple[float, ...],
+    masses: float,
+    motion: float,
+    faster: float,
+    stopped: bool,
 ) -> None:
     """A hundredth of what other laws took may be what they miss; a mass misses no friction."""
     one = case(effect)
@@ -340,7 +354,7 @@ def test_friction_is_no_inaccuracy_of_a_mass_nor_a_drift_of_what_moves(
         base=SimpleNamespace(errors=SimpleNamespace(power=np.array([1.02]))),
         of_conservative=lambda j: masses,
         of_motion=lambda j: motion,
-        problem=SimpleNamespace(d=1),
+        problem=moving(faster),
     )
     level = {"exceeded": lambda rms, j: rms[j] > 0.05, "rms": np.array([0.045])}
     one.evidence = SimpleNamespace(floor=SimpleNamespace(**level))
