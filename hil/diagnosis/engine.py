@@ -306,7 +306,7 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
 #: Why a name is not sure that has rivals.
 AS_WELL = "other effects explain the same error about as well"
 #: Why an effect has none that held-out runs hardly show.
-LESS = "on the held-out runs it explains less than the laws before it may miss"
+LESS = "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
 
 
 def floored(out: Diagnosis) -> Diagnosis:
