@@ -545,3 +545,22 @@ def test_joints_that_differ_know_their_common_lateness_as_badly_as_they_differ()
     value, error = _middle([(1.0, 0.1), (1.1, 0.1), (0.9, 0.1)], 0.01)
     assert (value, error) == (1.0, pytest.approx(0.1 / np.sqrt(3)))
     assert _middle([(1.0, 0.1), (3.0, 0.1), (-1.0, 0.1)], 0.01)[1] > 1.0
+
+
+@pytest.mark.parametrize("of_instants", [True, False])
+def test_efforts_of_instants_have_no_value_between_slow_rows(of_instants: bool) -> None:
+    t, fine = np.arange(0, 60, 1e-3), 20
+    size, phase = np.array([0.3, 0.1, 0.05]), np.random.default_rng(1).uniform(0, 2 * np.pi, 3)
+    q, v, a = plants.sines(t, 2 * np.pi * np.array([0.37, 0.83, 1.31]), size, phase)
+    effort = 2 * a + 1.5 * np.sign(v)
+    if not of_instants:
+        effort = np.convolve(effort, np.full(fine + 1, 1 / (fine + 1)), "same")
+    rows = slice(fine // 2, None, fine)
+    noise = 0.01 * np.random.default_rng(2).normal(size=t[rows].size)
+    run = plants.single("slow", t[rows], np.round(q[rows] / 1e-6) * 1e-6, effort[rows] + noise)
+    problem = Problem([run], run.robot)
+    (motion,) = problem.motions
+    assert problem.of_instants is of_instants
+    # averages are asked for at instants between the rows, each over a row
+    assert motion.n == (run.n if of_instants else 2 * run.n - 1)
+    assert motion.average == (0.0 if of_instants else pytest.approx(run.period))

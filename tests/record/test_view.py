@@ -379,6 +379,7 @@ def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
         port = free.getsockname()[1]
     sink, count, got, ready = FoxgloveSink("test", port), 3000, [], threading.Event()
     sink.channel(1, records.Channel(1, "/x", "json", {}, 0), None)
+    ended = threading.Event()
 
     def view():
         address, link_of = f"ws://127.0.0.1:{port}", client.connect
@@ -387,7 +388,8 @@ def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
                 if isinstance(said, bytes):
                     ready.set()
                     got.append(int(said[13:]))
-                    time.sleep(5e-4)
+                    # it reads no further before the session is over
+                    assert ended.wait(20.0)
                 elif channels := json.loads(said).get("channels"):
                     n = channels[0]["id"]
                     wanted = [{"id": n, "channelId": n}]
@@ -402,6 +404,7 @@ def test_a_slow_viewer_gets_what_waits_at_the_end_of_a_session():
     assert ready.is_set()
     for k in range(count):  # 12 MB: more than the network holds
         sink.message(1, k, str(k).encode().rjust(4096))
+    ended.set()
     sink.flush()
     sink.close()
     viewer.join(20.0)

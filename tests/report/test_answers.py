@@ -12,7 +12,7 @@ from test_report import model
 from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import ERRORS, _contribution, _forms, _telling, short, text
+from hil.commands.diagnose import ERRORS, _contribution, _forms, _telling, short, text, verdict
 from hil.diagnosis.attribution import Named
 from hil.diagnosis.engine import _weighed, diagnose
 from hil.diagnosis.equivalence import at_issue_of
@@ -40,9 +40,11 @@ from hil.report.text import (
     CHECK_FIRST,
     FIXED,
     _finding,
+    headline,
     laws,
     next_steps,
     percent,
+    remains,
 )
 
 
@@ -582,3 +584,44 @@ def test_of_a_rival_on_two_joints_the_larger_weight_is_told():
     named = Named(mine, 0.5, [unlike, unlike, other], [(0.1, 0.2), (0.3, 0.1), (0.2, 0.2)])
     assert _weighed(named, problem) == {"unbalance": 0.3, "spring on b": 0.2}
     assert _weighed(replace(named, odds=[]), problem) == {"unbalance": 0.0, "spring on b": 0.0}
+
+
+@pytest.mark.parametrize(("fitted", "held", "told"), [(1.84, 1.0, True), (1.05, 1.0, False)])
+def test_an_error_of_the_fitted_runs_alone_is_told_as_theirs(fitted, held, told):
+    """The table had 1.00 times the floor beside "an effect is missing"."""
+    step = SimpleNamespace(
+        heldout=SimpleNamespace(kind="holdout"),
+        result=SimpleNamespace(rms=np.array([0.1, fitted])),
+    )
+    m = SimpleNamespace(
+        verdict="unexplained",
+        explained=step,
+        after=step,
+        ratio=lambda _: np.array([0.9, held]),
+        last=SimpleNamespace(floor=SimpleNamespace(rms=np.ones(2))),
+        problem=SimpleNamespace(holds=np.zeros(2, dtype=bool)),
+        joints=["a", "b"],
+        network=[],
+    )
+    text = remains(m)
+    assert ("On the fitted runs the error of b is 1.84 times theirs." in text) is told
+    assert bool(text) is told
+    # a joint that only holds its place is not judged
+    m.problem.holds[1] = True
+    assert not remains(m)
+
+
+@pytest.mark.parametrize(("rungs", "which"), [(1, "the model"), (2, "the improved model")])
+def test_which_model_explains_the_fitted_runs_is_said(monkeypatch, rungs, which):
+    """A correction had made "the model" explain them, with 19 floors left by the given one."""
+    monkeypatch.setattr("hil.commands.diagnose.only_there", lambda *_: True)
+    d = SimpleNamespace(verdict="unexplained", warnings=[], ladder=[1] * rungs, last=1, noise=1)
+    assert verdict(d).startswith(f"unexplained: {which} explains the fitted data down to the noise")
+    monkeypatch.setattr("hil.report.text.only_there", lambda *_: True)
+    monkeypatch.setattr("hil.report.text._undescribed", lambda m: False)
+    monkeypatch.setattr("hil.report.text._open", lambda m: "b")
+    steps = [object(), object()]
+    m = SimpleNamespace(verdict="unexplained", findings=[], before=steps[0], last=1, floor=1)
+    m.after = steps[rungs - 1]
+    said = f"{which.capitalize()} explains the fitted data, but not b in the held-out data."
+    assert headline(m) == said
