@@ -129,8 +129,13 @@ def paragraph(text: str, kind: str = "") -> str:
 
 
 def items(texts: Sequence[str]) -> str:
-    """Bullet list of plain texts; empty if there are none."""
-    return "<ul>" + "".join(f"<li>{_words(t)}</li>" for t in texts) + "</ul>" if texts else ""
+    """Bullet list of plain texts, with commands on lines of their own; empty if there are none."""
+    each = []
+    for text in texts:
+        said, *commands = text.split("\n")
+        typed = "".join(f"<br><code>{escape(line)}</code>" for line in commands)
+        each.append(f"<li>{_words(said)}{typed}</li>")
+    return f"<ul>{''.join(each)}</ul>" if each else ""
 
 
 def verdict_box(headline: str, lines: Sequence[str], tone: str) -> str:

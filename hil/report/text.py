@@ -316,6 +316,27 @@ def tone(m: Material) -> str:
     return TONES["ambiguous" if m.verdict == "adequate" and apart(m) else m.verdict]
 
 
+def _undecided(findings: Sequence[Finding]) -> str:
+    """What is sure of an ambiguous answer, and what is likely."""
+    sure = [where(f) for f in findings if f.confidence >= CONFIDENT]
+    likely = listed([_likeliest(f) for f in findings if f.confidence < CONFIDENT] or ["nothing"])
+    if not sure:
+        return (
+            f"An effect is missing, most likely {likely}. These data do not show which one it is."
+        )
+    return (
+        f"The model lacks {listed(sure)}, and more, most likely {likely}. These data do not show "
+        "what that is."
+    )
+
+
+def _likeliest(f: Finding) -> str:
+    """An effect; behind its rivals where these weigh more."""
+    weights = f.rival_weights if len(f.rival_weights) == len(f.rivals) else [0.0] * len(f.rivals)
+    heavier = [r for r, w in zip(f.rivals, weights, strict=True) if w > f.confidence]
+    return " or ".join([*heavier, where(f)])
+
+
 def headline(m: Material) -> str:
     """The verdict in one sentence."""
     names = listed([where(f) for f in m.findings]) if m.findings else ""
@@ -330,7 +351,7 @@ def headline(m: Material) -> str:
             f"{NOT_LEARNT} may be what {names} {'stands' if len(m.findings) == 1 else 'stand'} for."
         )
     if m.verdict == "ambiguous":
-        return f"An effect is missing, most likely {names}. These data do not show which one it is."
+        return _undecided(m.findings)
     if m.verdict == "adequate" and apart(m):
         return "The model is adequate for the fitted data, but not for the held-out data."
     if m.verdict == "adequate":

@@ -33,7 +33,7 @@ from hil.models import catalogue
 from hil.models.model import Value, remark
 from hil.models.parts import Trait
 from hil.report.data import Files, diagnosis_json, finding_json, from_diagnosis, with_files
-from hil.report.elements import paragraph
+from hil.report.elements import items, paragraph
 from hil.report.html import diagnosis_report
 from hil.report.text import (
     AGAIN,
@@ -625,3 +625,25 @@ def test_which_model_explains_the_fitted_runs_is_said(monkeypatch, rungs, which)
     m.after = steps[rungs - 1]
     said = f"{which.capitalize()} explains the fitted data, but not b in the held-out data."
     assert headline(m) == said
+
+
+def test_the_headline_of_an_undecided_answer_has_what_is_sure_and_what_is_likely(plain):
+    """It had led with a name at 0.09, and doubted one that was sure."""
+    low = replace(finding("unbalance"), confidence=0.09, rivals=["spring"], rival_weights=[0.91])
+    m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[low])
+    assert headline(m) == (
+        "An effect is missing, most likely spring or unbalance on joint1. These data do not show "
+        "which one it is."
+    )
+    m = replace(m, findings=[low, replace(finding("presliding"), confidence=1.0)])
+    assert headline(m) == (
+        "The model lacks presliding on joint1, and more, most likely spring or unbalance on "
+        "joint1. These data do not show what that is."
+    )
+
+
+def test_a_command_of_a_step_is_on_a_line_of_its_own():
+    assert items(["Record a chirp.\nhil excite a.csv --for <x>"]) == (
+        "<ul><li>Record a chirp.<br><code>hil excite a.csv --for &lt;x&gt;</code></li></ul>"
+    )
+    assert items([]) == ""
