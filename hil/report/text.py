@@ -318,8 +318,9 @@ def tone(m: Material) -> str:
 
 def _undecided(findings: Sequence[Finding]) -> str:
     """What is sure of an ambiguous answer, and what is likely."""
-    sure = [where(f) for f in findings if f.confidence >= CONFIDENT]
-    likely = listed([_likeliest(f) for f in findings if f.confidence < CONFIDENT] or ["nothing"])
+    open_ = [f for f in findings if f.confidence < CONFIDENT] or list(findings)
+    sure = [where(f) for f in findings if f not in open_]
+    likely = listed([_likeliest(f) for f in open_])
     if not sure:
         return (
             f"An effect is missing, most likely {likely}. These data do not show which one it is."
