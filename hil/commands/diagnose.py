@@ -292,7 +292,7 @@ def _undetermined(values: dict[str, Value], names: list[str]) -> str:
 def _contribution(d: Diagnosis, f: Finding) -> str:
     """Rms effort that an effect takes off the error of its joint, with unit; empty without one."""
     joints = d.result.problem.joints
-    joint = f.felt_on or f.joint
+    joint = f.felt
     if joint not in joints or not f.relative_before > f.relative_after:
         return ""
     j = joints.index(joint)
@@ -416,7 +416,7 @@ def _late(d: Diagnosis, f: Finding) -> str:
 
 def _later(d: Diagnosis, f: Finding) -> bool:
     """Whether an effect's first error is another one than that of the given model."""
-    joints, joint = d.result.problem.joints, f.felt_on or f.joint
+    joints, joint = d.result.problem.joints, f.felt
     if joint not in joints:
         return False
     given = float(d.ladder[0].heldout.relative[joints.index(joint)])

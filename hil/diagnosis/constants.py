@@ -53,6 +53,10 @@ FEW = 10
 #: *unexplained*; double: a third of the effects of 1.5 floors of the test plants, whose floors are
 #: half a percent of the effort, go unnamed.
 MATTERS = 0.003
+#: Practical size of what has no sure name: less of the rms effort leaves a model adequate.
+#: Convention.  Half: clean robots of sharp friction and coarse encoders are *unexplained*; double:
+#: more of what the catalogue does not hold is *adequate*.
+ALARMS = 0.01
 #: The same of a measured force where that is explained: non-linearity and cross-talk of strain
 #: gauges (data sheets).  Half: cross-talk is *unexplained*; double: small laws of contact go
 #: unnamed.

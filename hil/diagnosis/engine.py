@@ -12,6 +12,7 @@ from both another ratio: of a gear, of units, or of where it was measured.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise
 
@@ -36,7 +37,7 @@ from hil.diagnosis.constants import (
     WHOLE,
     WORTH,
 )
-from hil.diagnosis.floor import practical
+from hil.diagnosis.floor import alarming
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, still_differ, within_errors
 from hil.diagnosis.naming import emptied, exchange, separated
@@ -270,6 +271,9 @@ def _concluded(
     renew(search.now.result)
     progress.at("judge the names", 0.8)
     out = judged(search, named, _last(search))
+    if named and not out.findings and all(f.of_no_size for f in out.partial):
+        search.given()
+        out = judged(search, [], _last(search))
     out.warnings = without_robot(search.problem) + doubtful + out.warnings
     out.stops, out.fired = search.stops, search.fired
     if touched(out.ladder[-1].result, out.ladder[-1].heldout.relative):
@@ -305,6 +309,8 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
 
 #: Why a name is not sure that has rivals.
 AS_WELL = "other effects explain the same error about as well"
+#: Why an effect that is not sure has none where it is little.
+NO_SIZE = "it is less than {:g} % of the effort, and others may explain it as well"
 #: Why an effect has none that held-out runs hardly show.
 LESS = "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
 
@@ -477,7 +483,8 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     over = above(search, last, there, named)
     left = ladder[-1].heldout.rms > ADEQUATE * (floor if other is None else other)
     every = rules.doubted(every, named, search, over, left | (end.rms > ADEQUATE * floor))
-    partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF)]
+    every = _of_no_size(every, alarming(search.problem))
+    partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF) or f.of_no_size]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
     # what stands for a robot description explains nothing either
@@ -491,13 +498,27 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     for a, b in stands:
         out.corrections += corrections_of(b, a.step.heldout, search.problem)
     out.warnings += noticed(last, end) + overtones(search) + nearest_refused(search, out, last)
-    least = practical(search.problem) * search.problem.rms(search.problem.effort)
+    least = alarming(search.problem) * search.problem.rms(search.problem.effort)
     power = dict(
         zip(search.problem.joints, (end.rms / np.maximum(least, 1e-300)) ** 2, strict=True)
     )
     if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def _of_no_size(every: list[Finding], least: float) -> list[Finding]:
+    """The same; those whose name is not sure, of joints where all of them are little, say so.
+
+    `least` is the share of the rms effort below which they are.
+    """
+    unsure = [f for f in every if f.confidence < CONFIDENT]
+    falls: dict[str | None, float] = defaultdict(float)
+    for f in unsure:
+        falls[f.felt] += max(f.relative_before**2 - f.relative_after**2, 0.0)
+    small = [f for f in unsure if falls[f.felt] < (100 * least) ** 2]
+    why = NO_SIZE.format(100 * least)
+    return [replace(f, of_no_size=True, reason=why) if f in small else f for f in every]
 
 
 def unnamed(
@@ -546,7 +567,8 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
     of = " on left-out blocks of the fitted runs" if search.examine.kind == "holdout" else ""
     for j in np.flatnonzero(~problem.holds).tolist():
         left = float(errors.power[j])
-        if not last.floor.exceeded(np.sqrt(errors.power), j):
+        above_it = left - float(last.floor.rms[j]) ** 2 > (alarming(problem) * effort[j]) ** 2
+        if not (above_it and last.floor.exceeded(np.sqrt(errors.power), j)):
             continue
         near = [
             (stop.evidence["after"], name, stop)
@@ -583,15 +605,15 @@ def _verdict(findings: list[Finding], partial: list[Finding], remains: bool) -> 
     if findings:
         sure = max(findings, key=lambda f: f.excess_explained).confidence >= CONFIDENT
         return "missing-effect" if sure else "ambiguous"
-    return "unexplained" if remains or partial else "adequate"
+    return "unexplained" if remains or any(not f.of_no_size for f in partial) else "adequate"
 
 
 def above(
     search: Search, last: Evidence, there: FloatArray | None, named: list[Named]
 ) -> NDArray[np.bool_]:
-    """Joints (d,) whose error is above the noise floor by more than efforts are known to."""
+    """Joints (d,) whose error is above the noise floor by more than leaves a model adequate."""
     problem, step = search.problem, search.now.step
-    least, rms = practical(problem) * problem.rms(problem.effort), step.result.rms
+    least, rms = alarming(problem) * problem.rms(problem.effort), step.result.rms
     floor = np.minimum(last.floor.rms, rms)
     out = (rms > ADEQUATE * floor) & (rms**2 - floor**2 > least**2)
     out &= ~of_noise(step, last, floor)

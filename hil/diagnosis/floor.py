@@ -32,7 +32,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE, MATTERS, SENSOR_ACCURACY, WORTH
+from hil.diagnosis.constants import ADEQUATE, ALARMS, MATTERS, SENSOR_ACCURACY, WORTH
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify import bands
@@ -302,8 +302,13 @@ def known_to(result: FitResult) -> float:
 
 
 def practical(problem: Problem) -> float:
-    """Share of the rms effort below which nothing matters: it is neither named nor unexplained."""
+    """Share of the rms effort below which nothing matters: no effect of that size is named."""
     return problem.accuracy or MATTERS
+
+
+def alarming(problem: Problem) -> float:
+    """Share of the rms effort below which what has no sure name leaves a model adequate."""
+    return problem.accuracy or ALARMS
 
 
 # ------------------------------------------------------------ a function without a name

@@ -146,6 +146,13 @@ class Search(Models):
                 self.reformed(self.now.added)
             self.backward()
 
+    def given(self) -> None:
+        """Go back to the given model, whatever was found beside it."""
+        del self.rungs[self.start + 1 :]
+        self.found, self.last = [], self.first
+        self.forget()
+        renew(self.now.result)
+
     def complete(self) -> None:
         """Wider signs and other forms, once nothing pays any more, and what then does."""
         if joints := self.rounded():

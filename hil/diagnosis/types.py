@@ -197,15 +197,17 @@ class Change:
     @property
     def text(self) -> str:
         """One sentence without its full stop."""
+        fall = 100 * (1 - np.sqrt(1 - self.share))
+        return f"{self.joint}: {self.subject} would lower the error by {fall:.0f} %"
+
+    @property
+    def subject(self) -> str:
+        """What changed, when and by how much, as the subject of a sentence."""
         when = f"from {self.at:.3g} s of {self.run} on" if self.at else f"in {self.run}"
         size = f"{self.value:+.3g} {self.unit}"
         if self.unit == "1":
             size = f"{100 * self.value:+.3g} % against the rest"
-        fall = 100 * (1 - np.sqrt(1 - self.share))
-        return (
-            f"{self.joint}: another {self.what} {when} ({size}) would lower the error by "
-            f"{fall:.0f} %"
-        )
+        return f"another {self.what} {when} ({size})"
 
 
 @dataclass(frozen=True)
@@ -463,6 +465,8 @@ class Finding:
         else empty.
     rival_weights : list of float
         Weight of each rival, by the measure that speaks most for it; empty where it is not known.
+    of_no_size : bool
+        Whether it has no name because it is neither sure nor of practical size.
     """
 
     effect: str
@@ -477,6 +481,12 @@ class Finding:
     reason: str = ""
     felt_on: str = ""
     rival_weights: list[float] = field(default_factory=list)
+    of_no_size: bool = False
+
+    @property
+    def felt(self) -> str | None:
+        """The joint whose errors these are."""
+        return self.felt_on or self.joint
 
     @property
     def weighed_rivals(self) -> list[str]:

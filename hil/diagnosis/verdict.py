@@ -18,7 +18,7 @@ from hil.diagnosis import artefacts
 from hil.diagnosis.artefacts import returned, shaken, smoothed
 from hil.diagnosis.constants import BEATEN, HALF, NEAR_FLOOR, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
-from hil.diagnosis.floor import REPEATS, explainable, foretold, hidden, practical
+from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, unlike_notes
@@ -269,7 +269,7 @@ def finish(
     out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
     if out.verdict == "adequate":
         # what is less than efforts are known to needs no explanation, nor what sensors do
-        felt = matters(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
+        felt = alarms(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
         falls = foretold(result)
         if falls is not None:
             falls = {j: x for j, x in falls.items() if felt[j]}
@@ -279,7 +279,7 @@ def finish(
             out.verdict = "unexplained"
     _with_unlike(out)
     if out.verdict in ("adequate", "unexplained"):
-        slow = pushed(result, matters(result))
+        slow = pushed(result, alarms(result))
         out.warnings += slow
         out.verdict = "unexplained" if slow else out.verdict
     out.warnings += high_floors(out)
@@ -367,7 +367,7 @@ def _with_unlike(out: Diagnosis) -> None:
     step = out.ladder[-1]
     found = unlike(step.result, step.heldout.rms, out.noise, out.last.projector)
     out.warnings += unlike_notes(found)
-    felt = dict(zip(step.result.problem.joints, matters(step.result), strict=True))
+    felt = dict(zip(step.result.problem.joints, alarms(step.result), strict=True))
     if out.verdict == "adequate" and any(u.matters and felt[u.joint] for u in found):
         out.verdict = "unexplained"
 
@@ -376,6 +376,12 @@ def matters(result: FitResult) -> NDArray[np.bool_]:
     """Joints (d,) whose error is more than efforts are known to."""
     size = result.problem.rms(result.problem.effort)
     return np.asarray(result.rms > practical(result.problem) * size)
+
+
+def alarms(result: FitResult) -> NDArray[np.bool_]:
+    """Joints (d,) whose error is more than leaves a model adequate."""
+    size = result.problem.rms(result.problem.effort)
+    return np.asarray(result.rms > alarming(result.problem) * size)
 
 
 def with_errors(out: Diagnosis) -> None:

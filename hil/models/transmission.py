@@ -307,7 +307,8 @@ def _elastic_transmission_remark(values: Mapping[str, float], errors: Mapping[st
         return ""
     return (
         f"a = {a:.3g} is well below 1. If the rest of the inertia is the motor's own, the spring's "
-        f"stiffness is a k = {a * k:.4g}"
+        f"stiffness is a k = {a * k:.4g}; if the motion is far slower than the resonance, which "
+        f"tells a / k alone, it may be k / a = {k / a:.4g}"
     )
 
 
@@ -337,7 +338,7 @@ class ElasticTransmission(_Resonance):
         source=_SPONG + "; Naerum thesis 3.2 (elastic transmission from the motor's side)",
         remark=_elastic_transmission_remark,
     )
-    params = (Param("a", "1", "share of the load that the spring carries", 0.0, 2.0),)
+    params = (Param("a", "1", "share of the load that the spring carries", LOAD_SHARE, 2.0),)
     shape = (
         Param("k", "{F}/{x}", "stiffness of the spring", 0.0, size=True),
         Param("zeta", "1", "damping ratio", 0.0, 1.0, tuned=True),

@@ -172,7 +172,7 @@ def _variables(m: Material, j: int) -> str:
 
 def nameless(m: Material) -> list[str]:
     """Joints without a name whose fitted error is above the floor, of size, and no noise."""
-    named = {f.felt_on or f.joint for f in m.findings}
+    named = {f.felt for f in m.findings}
     told = {s.joint for s in m.network if s.share >= WORTH} - named
     over = matters(m.explained.result) & (m.ratio(m.explained) > ADEQUATE)
     return [name for name, felt in zip(m.joints, over, strict=True) if felt and name in told]
@@ -369,6 +369,10 @@ def headline(m: Material) -> str:
             return f"{which} explains the fitted data, but not {joint} in the held-out data."
         if at_reversals(m.explained, m.last, m.floor):
             return AT_REVERSALS
+        change = next((c for c in m.last.changes if c.joint == joint and c.share > HALF), None)
+        if change:
+            what = "a value changes within a run" if change.at else "the runs differ"
+            return f"On {joint} {what}: {change.subject} explains most of the error."
         no_noise = _unlike_alone(m)
         if no_noise:
             return (
@@ -537,7 +541,7 @@ def _errors(m: Material, f: Finding) -> str:
         f"held-out error {of}{f.relative_before:.2f} % before, {f.relative_after:.2f} % after "
         f"(standard error {f.se:.2g})"
     )
-    if (joint := f.felt_on or f.joint) in m.joints:
+    if (joint := f.felt) in m.joints:
         text += f", noise floor {m.relative_floor(m.joints.index(str(joint))):.2f} %"
     return text
 

@@ -20,6 +20,7 @@ from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
 from hil.diagnosis.types import (
     EITHER,
     Candidate,
+    Change,
     Finding,
     Indistinguishable,
     UnnamedCorrection,
@@ -342,7 +343,8 @@ def test_a_spring_that_carries_a_part_says_so_beside_its_stiffness():
     assert told == "k = 99.9 +- 0.02 N m/rad, a = 0.75"
     there = {"fl": (0.0, NAN, "N m"), "i": (0.0, NAN, "kg m^2")}
     part = finding("elastic-transmission", **values, **there).parameters
-    assert remark("elastic-transmission", part).endswith("the spring's stiffness is a k = 74.93")
+    said = remark("elastic-transmission", part)
+    assert "the spring's stiffness is a k = 74.93; " in said and "k / a = 133.2" in said
     values["a"] = (0.98, 2e-4, "1")
     assert _telling(finding("elastic-transmission", **values)) == "k = 99.9 +- 0.02 N m/rad"
     whole = finding("elastic-transmission", **values, **there).parameters
@@ -647,3 +649,18 @@ def test_a_command_of_a_step_is_on_a_line_of_its_own():
         "<ul><li>Record a chirp.<br><code>hil excite a.csv --for &lt;x&gt;</code></li></ul>"
     )
     assert items([]) == ""
+
+
+def test_the_headline_of_runs_that_differ_says_what_differs(plain):
+    """It had said that no effect of the catalogue passes, of another gain in one run."""
+    change = Change("joint1", "scale of all efforts", "1", "run2", 0.0, 0.118, 0.99, 1.0)
+    m = replace(from_diagnosis(plain), verdict="unexplained", findings=[])
+    m = replace(m, last=replace(m.last, changes=(change,)))
+    assert headline(m) == (
+        "On joint1 the runs differ: another scale of all efforts in run2 (+11.8 % against the "
+        "rest) explains most of the error."
+    )
+    m = replace(m, last=replace(m.last, changes=(replace(change, at=3.5),)))
+    assert headline(m).startswith("On joint1 a value changes within a run: another scale of all")
+    m = replace(m, last=replace(m.last, changes=(replace(change, share=0.3),)))
+    assert "another scale" not in headline(m)
