@@ -75,6 +75,7 @@ from hil.diagnosis.verdict import (
     rival_name,
     with_errors,
 )
+from hil.identify import multistep
 from hil.identify.context import renew
 from hil.identify.design import by_run
 from hil.identify.parallel import single_threaded
@@ -310,7 +311,8 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
 #: Why a name is not sure that has rivals.
 AS_WELL = "other effects explain the same error about as well"
 #: Why an effect that is not sure has none where it is little.
-NO_SIZE = "it is less than {:g} % of the effort, and others may explain it as well"
+UNSURE = "it is less than {:g} % of the effort, and others may explain it as well"
+UNMOVED = "it is less than {:g} % of the effort, and the simulated motion is worse with it"
 #: Why an effect has none that held-out runs hardly show.
 LESS = "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
 
@@ -483,7 +485,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     over = above(search, last, there, named)
     left = ladder[-1].heldout.rms > ADEQUATE * (floor if other is None else other)
     every = rules.doubted(every, named, search, over, left | (end.rms > ADEQUATE * floor))
-    every = _of_no_size(every, alarming(search.problem))
+    every = _of_no_size(every, named, search)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF) or f.of_no_size]
     findings = [f for f in every if f not in partial]
     ladder = unnamed(search, named, every, partial)
@@ -507,18 +509,44 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     return out
 
 
-def _of_no_size(every: list[Finding], least: float) -> list[Finding]:
-    """The same; those whose name is not sure, of joints where all of them are little, say so.
+def _of_no_size(every: list[Finding], named: list[Named], search: Search) -> list[Finding]:
+    """The same; names that are not sure, of joints where all of these are little, say so.
 
-    `least` is the share of the rms effort below which they are.
+    Not sure is a name with rivals, and one beside which the motion is simulated worse than before:
+    what a filter blurs takes the form of some law, but no arm moves by it.
     """
-    unsure = [f for f in every if f.confidence < CONFIDENT]
+    least = (100 * alarming(search.problem)) ** 2
+    fall = {id(f): max(f.relative_before**2 - f.relative_after**2, 0.0) for f in every}
+    why = {id(f): UNSURE for f in every if f.confidence < CONFIDENT}
+    for f, n in zip(every, named, strict=True):
+        if fall[id(f)] < least and id(f) not in why and _moves_worse(f, n.candidate, search):
+            why[id(f)] = UNMOVED
     falls: dict[str | None, float] = defaultdict(float)
-    for f in unsure:
-        falls[f.felt] += max(f.relative_before**2 - f.relative_after**2, 0.0)
-    small = [f for f in unsure if falls[f.felt] < (100 * least) ** 2]
-    why = NO_SIZE.format(100 * least)
-    return [replace(f, of_no_size=True, reason=why) if f in small else f for f in every]
+    for f in every:
+        falls[f.felt] += fall[id(f)] * (id(f) in why)
+    return [
+        replace(f, of_no_size=True, reason=why[id(f)].format(least**0.5))
+        if id(f) in why and falls[f.felt] < least
+        else f
+        for f in every
+    ]
+
+
+def _moves_worse(f: Finding, c: Candidate, search: Search) -> bool:
+    """Whether the simulated motion of its joint is surely worse with an effect than without it."""
+    joints, result = search.problem.joints, search.now.result
+    if f.felt not in joints or result.model.explains != "motor":
+        return False
+    k = _rung_with(search, c)
+    steps = [search.rungs[i].step.result for i in (max(k - 1, 0), k)]
+    before, after = multistep.each(steps, search.problem)
+    return after.rises(before, joints.index(f.felt), 1.0)
+
+
+def _rung_with(search: Search, c: Candidate) -> int:
+    """Number of the rung that an effect of the last model came with."""
+    key = search.stands_for.get(c.term.key, c.term.key)
+    return next((k for k, r in enumerate(search.rungs) if key in r.keys), len(search.rungs) - 1)
 
 
 def unnamed(
@@ -630,8 +658,7 @@ def finding(
 ) -> Finding:
     """One effect of the last model, with what it explains and how sure its name is."""
     problem, c, rungs = search.problem, n.candidate, search.rungs
-    key = search.stands_for.get(c.term.key, c.term.key)
-    k = next((k for k, r in enumerate(rungs) if key in r.keys), len(rungs) - 1)
+    k = _rung_with(search, c)
     before, after = rungs[max(k - 1, 0)].step, rungs[k].step
     j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
     explain, own = _explain(search, c, (floor, other), taken), n.confidence

@@ -112,12 +112,16 @@ def test_a_direct_drive_that_loses_a_third_at_its_peak_saturates():
     assert d.ladder[-1].heldout.relative[0] < d.ladder[0].heldout.relative[0] / 5
 
 
-def refusing(after, sureness, before=1.0, kind="holdout"):
+def refusing(after, sureness, before=1.0, kind="holdout", accuracy=0.0):
     """A search whose one joint is above its floor, and that refused a law."""
     evidence = {"before": before, "after": after, "standard_errors": sureness}
     stop = SimpleNamespace(code="discrepancy", reason="it may be another's", evidence=evidence)
     problem = SimpleNamespace(
-        holds=np.array([False]), joints=("j1",), effort=np.ones((1, 1)), rms=lambda x: x[:, 0]
+        holds=np.array([False]),
+        joints=("j1",),
+        effort=np.ones((1, 1)),
+        rms=lambda x: x[:, 0],
+        accuracy=accuracy,
     )
     errors = SimpleNamespace(power=np.array([1.0]))
     return SimpleNamespace(
@@ -143,7 +147,8 @@ def test_the_law_that_would_do_most_is_told_with_the_test_that_it_failed(
 ):
     """One that takes half of what is left, surely, and was tried beside the last model."""
     out = SimpleNamespace(findings=[], partial=[])
-    last = SimpleNamespace(floor=SimpleNamespace(exceeded=lambda rms, j: True))
+    floor = SimpleNamespace(exceeded=lambda rms, j: True, rms=np.array([0.1]))
+    last = SimpleNamespace(floor=floor)
     told = nearest_refused(refusing(after, sureness, before), out, last)
     assert bool(told) is said
     if said:
@@ -158,6 +163,8 @@ def test_the_law_that_would_do_most_is_told_with_the_test_that_it_failed(
         assert text.endswith("hil add load-friction S.mcap --joint j1 --model IMPROVED.toml")
         ((_, text),) = nearest_refused(refusing(after, sureness, before, "folds"), out, last)
         assert "lower the error from" in text
+        # of what is less than efforts are known to nothing is said
+        assert not nearest_refused(refusing(after, sureness, before, accuracy=1.0), out, last)
 
 
 @pytest.mark.slow
