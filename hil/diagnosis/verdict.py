@@ -283,6 +283,8 @@ def finish(
         out.warnings += slow
         out.verdict = "unexplained" if slow else out.verdict
     out.warnings += high_floors(out)
+    if out.verdict == "adequate" and no_noise(out.warnings):
+        out.verdict = "unexplained"
     with_errors(out)
     holds = zip(result.problem.joints, result.problem.holds, strict=True)
     out.warnings += common(out.findings, [name for name, still in holds if not still])
@@ -328,6 +330,8 @@ _OF_ANYTHING = (
 )
 #: Words of a floor that is mostly no white noise of the efforts.
 NOT_WHITE = "White noise of the efforts is at most"
+#: Words of one that no sensor makes.
+NO_SENSOR = "Is an effect missing"
 
 
 def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> str:
@@ -351,9 +355,15 @@ def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> str:
             "in no catalogue"
         )
     return (
-        f"{white}. Is an effect missing that is in no catalogue, or did a force act from outside "
-        "that was not measured (a hand, a wearer, a cable)?"
+        f"{white}. {NO_SENSOR} that is in no catalogue, or did a force act from outside that was "
+        "not measured (a hand, a wearer, a cable)?"
     )
+
+
+def no_noise(warnings: Sequence[tuple[str, str]]) -> str:
+    """How large what is left is where it is much of the effort and no noise of a sensor."""
+    texts = [text for code, text in warnings if code == HIGH_FLOOR and NO_SENSOR in text]
+    return texts[0].split(". ")[0].split(": ")[1] if texts else ""
 
 
 def not_white(warnings: Sequence[tuple[str, str]]) -> str:

@@ -145,10 +145,8 @@ class Material:
         names = [f.joint for f in (*self.findings, *self.partial) if f.joint in self.joints]
         ratio = self.ratio(self.before)
         if not names and float(ratio.max()) <= ADEQUATE:
-            said = [s.joint for s in self.network]
-            said += [
-                text.split(":")[0] for code, text in self.warnings if code in (CHANGED, UNLIKE)
-            ]
+            said = [text.split(":")[0] for code, text in self.warnings if code in (CHANGED, UNLIKE)]
+            said += [s.joint for s in self.network]
             names = [joint for joint in said if joint in self.joints]
         named = list(dict.fromkeys(self.joints.index(n) for n in names if n is not None))
         worst = [int(j) for j in np.argsort(-ratio)]

@@ -37,6 +37,7 @@ from hil.diagnosis.verdict import (
     NO_GEOMETRY,
     REFUSED,
     matters,
+    no_noise,
     not_white,
     only_there,
 )
@@ -363,6 +364,11 @@ def headline(m: Material) -> str:
     if m.verdict == "unexplained" and _undescribed(m):
         return UNDESCRIBED
     if m.verdict == "unexplained":
+        if size := no_noise(m.warnings):
+            return (
+                f"What is left is much of the effort and no noise of a sensor: {size}. No effect "
+                "of the catalogue explains it."
+            )
         joint = _open(m)
         if only_there(m.after, m.last, m.floor):
             which = "The model" if m.after is m.before else "The improved model"
@@ -373,10 +379,9 @@ def headline(m: Material) -> str:
         if change:
             what = "a value changes within a run" if change.at else "the runs differ"
             return f"On {joint} {what}: {change.subject} explains most of the error."
-        no_noise = _unlike_alone(m)
-        if no_noise:
+        if strange := _unlike_alone(m):
             return (
-                f"All joints are at the noise floor, but the remaining error of {no_noise} is not "
+                f"All joints are at the noise floor, but the remaining error of {strange} is not "
                 "noise."
             )
         return f"An effect is missing on {joint}; none of the catalogue passes every test."

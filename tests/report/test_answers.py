@@ -624,6 +624,7 @@ def test_which_model_explains_the_fitted_runs_is_said(monkeypatch, rungs, which)
     monkeypatch.setattr("hil.report.text._open", lambda m: "b")
     steps = [object(), object()]
     m = SimpleNamespace(verdict="unexplained", findings=[], before=steps[0], last=1, floor=1)
+    m.warnings = []
     m.after = steps[rungs - 1]
     said = f"{which.capitalize()} explains the fitted data, but not b in the held-out data."
     assert headline(m) == said
