@@ -93,6 +93,46 @@ class Delay(Effect):
         return (tau - delayed(tau, float(shape[0]) / motion.dt))[:, None]
 
 
+def _record_delay_lacks(motion: Motion, j: int) -> str:
+    """Efforts that are all late are aligned before the first fit."""
+    if motion.d > 1:
+        return ""
+    return (
+        "the efforts of a single joint that were recorded late are taken earlier before the fit, "
+        "as those of all joints are"
+    )
+
+
+class RecordDelay(Effect):
+    """The effort of one joint was recorded late: by a slower bus, or a filter of its drive.
+
+    No joint moves before its motor pushes, so that an effort behind its motion is the record's.
+    """
+
+    name, family = "record-delay", "sensor"
+    doc = Doc(
+        equation="tau(t) = model(t) + a (tau(t) - tau(t + T))",
+        signature="an effort that follows the motion, on one joint beside others that are in time",
+        confused_with=("elastic-transmission", "vibration-mode", "presliding"),
+        shown_by="fast motion of this joint; chirp",
+        source="Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 12.7",
+        over=Over.EFFORT_RATE,
+    )
+    params = (WHOLE,)
+    shape = (Param("T", "s", "by how much it was recorded late", 0.0, size=True),)
+    scope = Scope(lacks=_record_delay_lacks)
+    relations = Relations(causes=LATENESS)
+    search = Grid(_delay_grid)
+    limits = (STRICT,)
+    traits = Trait.REPLAYED | Trait.LATE | Trait.SHIFTS
+
+    def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
+        """What was recorded less what will be T later."""
+        back = np.ascontiguousarray(motion.tau[::-1, j])
+        ahead = delayed(back, float(shape[0]) / motion.dt)[::-1]
+        return (motion.tau[:, j] - ahead)[:, None]
+
+
 class ActuatorLag(Effect):
     """The effort follows its command as through a low-pass of one or two equal poles."""
 
@@ -593,6 +633,7 @@ EFFECTS = (
     ForceCrosstalk(),
     FilterLag(),
     Delay(),
+    RecordDelay(),
     ActuatorLag(),
     TorqueRipple(),
     VaryingGain(),

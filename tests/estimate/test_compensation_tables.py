@@ -51,7 +51,7 @@ REFUSED = {
     "elastic-transmission",
     "variable-inertia",
     "hardening-cable", "backlash", "vibration-mode", "delay", "actuator-lag", "capstan-friction",
-    "relaxation",
+    "relaxation", "record-delay",
     # a memory, an acceleration, or more joints than a table holds
     "correction-hysteresis", "correction-relaxation", "correction-load", "correction-joint",
     "generic-gravity", "generic-posture", "generic-inertia",

@@ -280,6 +280,11 @@ def test_delay_is_the_late_command() -> None:
         column = catalogue.get("delay").columns(motion, 0, (late,))[:, 0]
         expected = np.sin(30 * t) - np.sin(30 * (t - late))
         np.testing.assert_allclose(column[6:-2], expected[6:-2], atol=1e-4)
+        # the record's is the other way round, and of one joint beside others alone
+        column = catalogue.get("record-delay").columns(motion, 0, (late,))[:, 0]
+        expected = np.sin(30 * t) - np.sin(30 * (t + late))
+        np.testing.assert_allclose(column[2:-6], expected[2:-6], atol=1e-4)
+    assert "single joint" in catalogue.get("record-delay").scope.lacks(motion, 0)
 
 
 def test_a_torque_over_position_goes_straight_on_beyond_the_range_and_then_stays() -> None:
