@@ -195,10 +195,12 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
     """
     order = _followed(result.problem)
     if order == sorted(order):
+        order = _exchanged_positions(result, recordings)
+    if order == sorted(order):
         return []
     back, before = [order.index(k) for k in range(len(order))], _size(result)
     efforts = [replace(r, tau=r.tau[:, back]) for r in recordings]
-    motions = [replace(ordered(r, order), tau=r.tau) for r in recordings]
+    motions = _with_positions(recordings, order)
     fits = []
     for stem, columns, runs in (("tau", back, efforts), ("q", order, motions)):
         after = fit(_again(result, runs), result.model, sweeps=1)
@@ -217,6 +219,29 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
             "that wrote the table knows which of the two it exchanged; change only one of them"
         )
     return [_Answer(HALF * least, best, "swapped", text, 2)]
+
+
+def _with_positions(recordings: list[Recording], order: list[int]) -> list[Recording]:
+    """The runs with the positions, and speeds, of joints in another order."""
+    return [replace(ordered(r, order), tau=r.tau) for r in recordings]
+
+
+def _exchanged_positions(result: FitResult, recordings: list[Recording]) -> list[int]:
+    """Order with two positions exchanged that leaves least, of joints that fit worst; else as is.
+
+    An effort that is mostly another joint's weight follows no position by itself.  Of two wrong
+    positions one joint at least is foretold hardly better than by nothing, and the other badly.
+    """
+    error, same = result.relative / 100, list(range(result.problem.d))
+    bad = np.flatnonzero(~result.problem.holds & (error > TENTH)).tolist()
+    orders = [exchanged(same, a, b) for a, b in combinations(bad, 2) if max(error[[a, b]]) > HALF]
+    if not orders:
+        return same
+    left = [
+        _size(fit(_again(result, _with_positions(recordings, x)), result.model, sweeps=1))
+        for x in orders
+    ]
+    return orders[int(np.argmin(left))]
 
 
 def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple[str, str]:

@@ -66,6 +66,16 @@ def test_a_description_tells_that_the_positions_are_in_another_order(order):
         assert ("tau1" in text) == (stem == "tau")
 
 
+def test_two_positions_are_exchanged_where_no_effort_follows_its_own(monkeypatch):
+    """A wrist carries a hand's weight: 90 to 107 % were left of three efforts, and names sought."""
+    run = plants.serial_arm(3, 1)
+    monkeypatch.setattr(columns, "_followed", lambda problem: list(range(problem.d)))
+    wrong = replace(run, q=run.q[:, [0, 2, 1]])
+    ((code, text),) = columns.mistaken(hil.fit([wrong], hil.base_model(run.robot)), [wrong])
+    assert code == "swapped" and "q2 from the column of q3" in text and "tau2" not in text
+    assert columns.mistaken(hil.fit([run], hil.base_model(run.robot)), [run]) == []
+
+
 @pytest.mark.slow
 def test_a_comparison_says_which_column_is_mistaken():
     run = plants.axes_apart()
