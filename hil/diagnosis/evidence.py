@@ -14,9 +14,10 @@ from hil.diagnosis.floor import measure
 from hil.diagnosis.residual_tests import changes, changes_somewhere
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
 from hil.identify import screening
-from hil.identify.design import Key, Term, replaced
+from hil.identify.design import Key, Term, block, replaced
 from hil.identify.fit import time_blocks
 from hil.identify.parallel import in_parallel
+from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import RANK_ROUNDING
 from hil.identify.result import FitResult
@@ -340,7 +341,7 @@ def measured_floor(found: list[Candidate], projector: Projector, result: FitResu
         # what answers noise would take it out of the floor
         news = c.absorbed < 1 - 1e-6 and c.term.key not in held
         if news and not _picked(c, projector) and in_time(c, result):
-            _collect(result.problem.d, c.term, result.problem, extra)
+            _collect(c.term, result.problem, extra)
     return measure(result, extra)
 
 
@@ -378,14 +379,10 @@ def in_time(c: Candidate, result: FitResult) -> bool:
     return Trait.LATE not in traits or real_delay(result, c.term.joint, c.late, whole)
 
 
-def _collect(d: int, term: Term, problem: object, extra: list[list[FloatArray]]) -> None:
-    from hil.identify.design import block
-    from hil.identify.problem import Problem
-
-    if not isinstance(problem, Problem):
-        return
+def _collect(term: Term, problem: Problem, extra: list[list[FloatArray]]) -> None:
+    """Add a term's columns to those of the joints that feel it."""
     columns = block(problem, term)
-    for j in range(d) if columns.ndim == 3 else [term.joint]:
+    for j in range(problem.d) if columns.ndim == 3 else [term.joint]:
         part = columns[j] if columns.ndim == 3 else columns
         if np.any(part):
             extra[j].append(part)
