@@ -528,7 +528,7 @@ class EffortResponse:
         for t, theta in self._parts:
             if t.effect.family in SOLID:
                 where = slice(None) if t.effect.scope.whole else t.joint
-                out[:, where] += t.effect.columns(motion, t.joint, t.shape) @ theta
+                out[:, where] += _effort_of(t, theta, motion)
         return out
 
     def coriolis(self, j: int) -> FloatArray:
@@ -538,12 +538,16 @@ class EffortResponse:
         and  d tau_i / d qd_j = sum_k 2 B_i(j, k) qd_k.
         """
         if j not in self._coriolis:
-            one = np.eye(self._motion.d)
-            rest, each = self._effort(0.0, 0.0), [self._effort(0.0, 0.0, x) for x in one]
+            one, (rest, *each) = np.eye(self._motion.d), self._at_unit_speeds
             both = [self._effort(0.0, 0.0, one[j] + x) for x in one]
             parts = [f - g - each[j] + rest for f, g in zip(both, each, strict=True)]
             self._coriolis[j] = np.einsum("nik,nk->ni", self._along(parts), self._motion.qd)
         return self._coriolis[j]
+
+    @cached_property
+    def _at_unit_speeds(self) -> list[FloatArray]:
+        """Efforts (picked, d) at rest, and with a speed of one of each joint."""
+        return [self._effort(0.0, 0.0, x) for x in (0.0, *np.eye(self._motion.d))]
 
     @cached_property
     def damping(self) -> FloatArray:
@@ -621,5 +625,16 @@ class EffortResponse:
         out = np.zeros_like(zero)
         for t, theta in self._parts if parts is None else parts:
             where = slice(None) if t.effect.scope.whole else t.joint
-            out[:, where] += t.effect.columns(posed, t.joint, t.shape) @ theta
+            out[:, where] += _effort_of(t, theta, posed)
         return out
+
+
+def _effort_of(t: Term, theta: FloatArray, m: Motion) -> FloatArray:
+    """Effort of a term along a motion: (n, d) of the whole robot, else (n,) of its joint.
+
+    Of rigid bodies without their regressor,  M(q) qdd + h(q, qd).
+    """
+    if Trait.BODY not in t.effect.traits:
+        return np.asarray(t.effect.columns(m, t.joint, t.shape) @ theta)
+    rest, mass = m.robot.balance(m.q, m.qd, np.tile(theta, (m.n, 1)))
+    return np.asarray(rest + np.einsum("nij,nj->ni", mass, m.qdd))
