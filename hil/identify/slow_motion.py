@@ -293,9 +293,12 @@ def real_delay(result: FitResult, j: int, delay: float, whole: bool = False) -> 
 
     It must exceed there by `CLEAR` standard errors one sample, or what the other joints have in
     common with it, and not be a small part of `delay` [s]: a lag that grows with frequency is the
-    answer to noise, or a coarse encoder's.
+    answer to noise, or a coarse encoder's.  Friction that turns later than the speed lets an effort
+    follow its motion: that one is told apart from it.
     """
     late, error = slow_delay(result, j, whole)
+    if late < 0.0:
+        late, error = slow_delay(result, j, whole, friction=True)
     sure = abs(late) - CLEAR * error > _alignment(result, j, whole)
     return sure and abs(late) > abs(delay) / 3
 

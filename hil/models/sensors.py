@@ -103,6 +103,11 @@ def _record_delay_lacks(motion: Motion, j: int) -> str:
     )
 
 
+def _record_delay_of_samples(f: Fitted) -> bool:
+    """By a sample at least: what is less may be friction under load that turns a count late."""
+    return float(f.shape[0]) >= f.motion.dt
+
+
 class RecordDelay(Effect):
     """The effort of one joint was recorded late: by a slower bus, or a filter of its drive.
 
@@ -123,7 +128,10 @@ class RecordDelay(Effect):
     scope = Scope(lacks=_record_delay_lacks)
     relations = Relations(causes=LATENESS)
     search = Grid(_delay_grid)
-    limits = (STRICT,)
+    limits = (
+        Limit("samples", _record_delay_of_samples, says="it is late by less than a sample"),
+        STRICT,
+    )
     traits = Trait.REPLAYED | Trait.LATE | Trait.SHIFTS
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
