@@ -512,35 +512,57 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
 def _of_no_size(every: list[Finding], named: list[Named], search: Search) -> list[Finding]:
     """The same; names that are not sure, of joints where all of these are little, say so.
 
-    Not sure is a name with rivals, and one beside which the motion is simulated worse than before:
-    what a filter blurs takes the form of some law, but no arm moves by it.
+    What a filter blurs takes the form of some law, but no arm moves by it.  Not sure is a name with
+    rivals of another cause beside which the simulated motion is not clearly better than before, and
+    any name beside which it is worse.
     """
     least = (100 * alarming(search.problem)) ** 2
     fall = {id(f): max(f.relative_before**2 - f.relative_after**2, 0.0) for f in every}
-    why = {id(f): UNSURE for f in every if f.confidence < CONFIDENT}
-    for f, n in zip(every, named, strict=True):
-        if fall[id(f)] < least and id(f) not in why and _moves_worse(f, n.candidate, search):
-            why[id(f)] = UNMOVED
+    why = {
+        id(f): _doubtful(f, n, search, fall[id(f)] < least)
+        for f, n in zip(every, named, strict=True)
+    }
     falls: dict[str | None, float] = defaultdict(float)
     for f in every:
-        falls[f.felt] += fall[id(f)] * (id(f) in why)
+        falls[f.felt] += fall[id(f)] * bool(why[id(f)])
     return [
         replace(f, of_no_size=True, reason=why[id(f)].format(least**0.5))
-        if id(f) in why and falls[f.felt] < least
+        if why[id(f)] and falls[f.felt] < least
         else f
         for f in every
     ]
 
 
-def _moves_worse(f: Finding, c: Candidate, search: Search) -> bool:
-    """Whether the simulated motion of its joint is surely worse with an effect than without it."""
+def _doubtful(f: Finding, n: Named, search: Search, little: bool) -> str:
+    """Why a name is not sure enough for a little effect; empty where it is."""
+    unsure = f.confidence < CONFIDENT and not _of_one_cause(n)
+    if not little:
+        return UNSURE if unsure else ""
+    better, worse = _moves(f, n.candidate, search)
+    if unsure:
+        return "" if better else UNSURE
+    return UNMOVED if worse else ""
+
+
+def _moves(f: Finding, c: Candidate, search: Search) -> tuple[bool, bool]:
+    """Whether the simulated motion of its joint is surely better, by a fifth, or worse with it."""
     joints, result = search.problem.joints, search.now.result
     if f.felt not in joints or result.model.explains != "motor":
-        return False
-    k = _rung_with(search, c)
+        return False, False
+    k, j = _rung_with(search, c), joints.index(f.felt)
     steps = [search.rungs[i].step.result for i in (max(k - 1, 0), k)]
     before, after = multistep.each(steps, search.problem)
-    return after.rises(before, joints.index(f.felt), 1.0)
+    return before.rises(after, j, 1 / (1 - BEATEN)), after.rises(before, j, ADEQUATE)
+
+
+def _of_one_cause(n: Named) -> bool:
+    """Whether an effect has rivals, and all are other forms of its cause on its joint."""
+    own = n.candidate.term
+    causes = [
+        set(r.term.effect.relations.causes) if r.term.joint == own.joint else set()
+        for r in n.rivals
+    ]
+    return bool(causes) and all(c & set(own.effect.relations.causes) for c in causes)
 
 
 def _rung_with(search: Search, c: Candidate) -> int:
