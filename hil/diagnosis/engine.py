@@ -37,7 +37,7 @@ from hil.diagnosis.constants import (
     WHOLE,
     WORTH,
 )
-from hil.diagnosis.floor import alarming
+from hil.diagnosis.floor import alarming, practical
 from hil.diagnosis.folds import Split, split
 from hil.diagnosis.heldout import Examiner, settled, still_differ, within_errors
 from hil.diagnosis.naming import emptied, exchange, separated
@@ -312,6 +312,7 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
 AS_WELL = "other effects explain the same error about as well"
 #: Why an effect that is not sure has none where it is little.
 UNSURE = "it is less than {:g} % of the effort, and others may explain it as well"
+HARDLY = "the left-out data hardly show it"
 UNMOVED = "it is less than {:g} % of the effort, and the simulated motion is worse with it"
 #: Why an effect has none that held-out runs hardly show.
 LESS = "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
@@ -539,9 +540,16 @@ def _doubtful(f: Finding, n: Named, search: Search, little: bool) -> str:
     if not little:
         return UNSURE if unsure else ""
     better, worse = _moves(f, n.candidate, search)
-    if unsure:
-        return "" if better else UNSURE
-    return UNMOVED if worse else ""
+    if unsure and not better:
+        return UNSURE
+    if worse and not unsure:
+        return UNMOVED
+    term, varies = n.candidate.term, n.candidate.term.effect.variation
+    # what acts at instants of the fitted runs, or differs between them, need not be seen elsewhere
+    elsewhere = varies.dated(term.shape) or (term.per_run and not varies.own(term.shape))
+    fall = max(f.relative_before**2 - f.relative_after**2, 0.0)
+    seen = elsewhere or fall >= (100 * practical(search.problem)) ** 2
+    return "" if seen else HARDLY
 
 
 def _moves(f: Finding, c: Candidate, search: Search) -> tuple[bool, bool]:

@@ -7,10 +7,11 @@ import pytest
 
 from hil.diagnosis import engine
 from hil.diagnosis.constants import ADEQUATE
-from hil.diagnosis.engine import UNMOVED, UNSURE
+from hil.diagnosis.engine import HARDLY, UNMOVED, UNSURE
 from hil.diagnosis.floor import alarming, practical
 from hil.diagnosis.types import Finding
 from hil.diagnosis.verdict import alarms
+from hil.models.parts import AT_AN_INSTANT, NEVER
 
 
 def searched(accuracy=0.0, explains="motor"):
@@ -21,13 +22,17 @@ def searched(accuracy=0.0, explains="motor"):
     return SimpleNamespace(problem=problem, now=now, rungs=rungs, stands_for={})
 
 
-def found(before, after, confidence, joint="a", rivals=()):
+def found(before, after, confidence, joint="a", rivals=(), variation=NEVER):
     own, *others = (
         SimpleNamespace(
             term=SimpleNamespace(
                 key=("presliding", 0),
+                shape=(),
+                per_run=False,
                 joint=j,
-                effect=SimpleNamespace(relations=SimpleNamespace(causes=causes)),
+                effect=SimpleNamespace(
+                    relations=SimpleNamespace(causes=causes), variation=variation
+                ),
             )
         )
         for causes, j in [(("lateness",), 0), *rivals]
@@ -67,6 +72,15 @@ def test_a_little_effect_needs_a_sure_name(monkeypatch, before, after, confidenc
 def test_an_effect_that_the_arm_moves_by_is_there_whatever_its_name(monkeypatch):
     """A gain of a tenth: 0.79 % of the effort, and 12.6 -> 1.2 % of the simulated motion."""
     (f,) = sized([found(0.79, 0.12, 0.52)], searched(), monkeypatch, better=True)
+    assert not f.of_no_size
+
+
+def test_what_the_left_out_data_hardly_show_has_no_name(monkeypatch):
+    """A cable of 0.44 -> 0.41 % at 1.00 beside a motor that saturates on another joint."""
+    (f,) = sized([found(0.44, 0.41, 1.0)], searched(), monkeypatch, better=True)
+    assert f.of_no_size and f.reason == HARDLY
+    # what acted at an instant of a fitted run is not to be seen elsewhere
+    (f,) = sized([found(0.44, 0.44, 1.0, variation=AT_AN_INSTANT)], searched(), monkeypatch)
     assert not f.of_no_size
 
 
