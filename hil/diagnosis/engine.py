@@ -547,8 +547,8 @@ def _doubtful(f: Finding, n: Named, search: Search, little: bool) -> str:
     term, varies = n.candidate.term, n.candidate.term.effect.variation
     # what acts at instants of the fitted runs, or differs between them, need not be seen elsewhere
     elsewhere = varies.dated(term.shape) or (term.per_run and not varies.own(term.shape))
-    fall = max(f.relative_before**2 - f.relative_after**2, 0.0)
-    seen = elsewhere or fall >= (100 * practical(search.problem)) ** 2
+    size = f.relative_before**2 - f.relative_after**2 >= (100 * practical(search.problem)) ** 2
+    seen = elsewhere or size or ADEQUATE * f.relative_after < f.relative_before
     return "" if seen else HARDLY
 
 

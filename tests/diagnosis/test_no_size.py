@@ -79,6 +79,9 @@ def test_what_the_left_out_data_hardly_show_has_no_name(monkeypatch):
     """A cable of 0.44 -> 0.41 % at 1.00 beside a motor that saturates on another joint."""
     (f,) = sized([found(0.44, 0.41, 1.0)], searched(), monkeypatch, better=True)
     assert f.of_no_size and f.reason == HARDLY
+    # by more than a tenth they show it, however little it is
+    (f,) = sized([found(0.22, 0.09, 1.0)], searched(), monkeypatch)
+    assert not f.of_no_size
     # what acted at an instant of a fitted run is not to be seen elsewhere
     (f,) = sized([found(0.44, 0.44, 1.0, variation=AT_AN_INSTANT)], searched(), monkeypatch)
     assert not f.of_no_size
