@@ -517,20 +517,16 @@ def _of_no_size(every: list[Finding], named: list[Named], search: Search) -> lis
     rivals of another cause beside which the simulated motion is not clearly better than before, and
     any name beside which it is worse.
     """
-    least = (100 * alarming(search.problem)) ** 2
-    fall = {id(f): max(f.relative_before**2 - f.relative_after**2, 0.0) for f in every}
-    why = {
-        id(f): _doubtful(f, n, search, fall[id(f)] < least)
-        for f, n in zip(every, named, strict=True)
-    }
-    falls: dict[str | None, float] = defaultdict(float)
-    for f in every:
-        falls[f.felt] += fall[id(f)] * bool(why[id(f)])
+    least, falls, doubts = 100 * alarming(search.problem), defaultdict[str | None, float](float), []
+    for f, n in zip(every, named, strict=True):
+        fall = max(f.relative_before**2 - f.relative_after**2, 0.0)
+        doubts.append(_doubtful(f, n, search, fall < least**2))
+        falls[f.felt] += fall * bool(doubts[-1])
     return [
-        replace(f, of_no_size=True, reason=why[id(f)].format(least**0.5))
-        if why[id(f)] and falls[f.felt] < least
+        replace(f, of_no_size=True, reason=why.format(least))
+        if why and falls[f.felt] < least**2
         else f
-        for f in every
+        for f, why in zip(every, doubts, strict=True)
     ]
 
 

@@ -310,7 +310,9 @@ def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
     for s in out.network:
         best[s.joint] = max(best.get(s.joint, 0.0), s.share)
     open_ = np.array([best.get(name, 1.0) < WORTH for name in problem.joints])
-    much = np.flatnonzero(~problem.holds & (at_floor | open_) & (share > 100 * TENTH))
+    much = ~problem.holds & (at_floor | open_) & (share > 100 * TENTH)
+    # a floor that is what the user says of the efforts is none to wonder at
+    much = np.flatnonzero(much & alarms(step.result))
     if not much.size:
         return []
     each = ", ".join(f"{share[j]:.0f} % on {problem.joints[j]}" for j in much.tolist())

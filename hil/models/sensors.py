@@ -120,7 +120,7 @@ class RecordDelay(Effect):
         signature="an effort that follows the motion, on one joint beside others that are in time",
         confused_with=("elastic-transmission", "vibration-mode", "presliding"),
         shown_by="fast motion of this joint; chirp",
-        source="Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, 12.7",
+        source="Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)",
         over=Over.EFFORT_RATE,
     )
     params = (WHOLE,)
