@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import scipy.optimize
@@ -51,8 +51,8 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Codes of what exchanges columns.
-EXCHANGES = ("swapped", "order")
+#: Codes of what exchanges columns, or takes several for one.
+EXCHANGES = ("swapped", "order", "coupled")
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -78,7 +78,9 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
     if result.model.explains != "motor" or pushed or OPEN * worst < MATTERS:
         return []
     found = _other_posture(result, recordings)
-    found += _other_efforts(result, recordings, found) if doubtful else []
+    if doubtful:
+        found += _by_motors(result, recordings)
+        found += _other_efforts(result, recordings, found)
     best = _best(found)
     if best and best.code in EXCHANGES and _beside_effects(result) < _beside_effects(best.after):
         best = _best([x for x in found if x.code not in EXCHANGES])
@@ -242,6 +244,96 @@ def _exchanged_positions(result: FitResult, recordings: list[Recording]) -> list
         for x in orders
     ]
     return orders[int(np.argmin(left))]
+
+
+def _by_motors(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
+    """Joints that are counted from another link than the one before, as motors in a base are.
+
+    Positions alone, or efforts, too.
+    """
+    if isinstance(result.problem.robot, IndependentAxes):
+        return []
+    return [x for efforts in (True, False) for x in _as_motors(result, recordings, efforts)]
+
+
+def _as_motors(result: FitResult, recordings: list[Recording], efforts: bool) -> Iterator[_Answer]:
+    """What fits if neighbours are counted together: one after another, as long as less is left."""
+    known: tuple[_Link, ...] = ()
+    best = result
+    while True:
+        found = []
+        for link in _links(best):
+            if all(x.joint != link.joint for x in known):
+                runs = [_by_joints(r, (*known, link), efforts) for r in recordings]
+                found.append((link, fit(_again(result, runs), result.model, sweeps=1)))
+        if not found:
+            break
+        link, after = min(found, key=lambda x: _size(x[1]))
+        if _size(after) > WHOLE * _size(best):
+            break
+        known, best = (*known, link), after
+    if known and (_fits(best, _size(result), OPEN) or _freed(best, result)):
+        text = _as_counted(known, efforts, result.problem.joints)
+        text = f"{text}: the model's error {_falls(best, result)}"
+        yield _Answer(_size(best), best, "coupled", text, 2 * len(known), _off(best))
+
+
+@dataclass(frozen=True)
+class _Link:
+    """Motor of a joint that turns with another joint, too: m_j = q_j + sign q_k."""
+
+    joint: int
+    other: int
+    sign: float
+
+
+def _links(result: FitResult) -> Iterator[_Link]:
+    """What neighbours may be counted together, of which one fits badly."""
+    moves = np.flatnonzero(~result.problem.holds).tolist()
+    for k, j in pairwise(moves):
+        if max(result.relative[[j, k]]) > 100 * TENTH:
+            yield from (_Link(j, k, sign) for sign in (1.0, -1.0))
+
+
+def _turned(links: Sequence[_Link], d: int) -> FloatArray:
+    """Joints (d, d) of motors, q = T m."""
+    turn = np.eye(d)
+    for x in links:
+        turn[x.joint, x.other] -= x.sign
+    return turn
+
+
+def _by_joints(run: Recording, links: Sequence[_Link], efforts: bool) -> Recording:
+    """A run of motors as one of joints; with `efforts` those are of the motors, too.
+
+    The power is the same, n' dm/dt = tau' dq/dt with q = T m, so that n = T' tau.
+    """
+    turn = _turned(links, run.q.shape[1])
+    speeds = None if run.qd is None else run.qd @ turn.T
+    tau = run.tau @ np.linalg.inv(turn) if efforts else run.tau
+    return replace(run, q=run.q @ turn.T, qd=speeds, tau=tau)
+
+
+def _as_counted(links: Sequence[_Link], efforts: bool, joints: tuple[str, ...]) -> str:
+    """What is counted from where, and what a map says of it."""
+    with_others = [
+        f"q{x.joint + 1} ({joints[x.joint]}) also turns with q{x.other + 1} ({joints[x.other]})"
+        for x in links
+    ]
+    turn = _turned(links, len(joints))
+    rows = [("q", turn)] + ([("tau", np.linalg.inv(turn).T)] if efforts else [])
+    lines = []
+    for stem, matrix in rows:
+        for k in np.flatnonzero(np.any(matrix != np.eye(len(joints)), axis=1)):
+            terms = (f"{stem}{i + 1} = {matrix[k, i]:g}" for i in np.flatnonzero(matrix[k]))
+            lines.append(f"{stem}{k + 1} = {{ sum = {{ {', '.join(terms)} }} }}")
+    whose = (
+        "positions and efforts seem to be those of motors that count from another link"
+        if efforts
+        else "positions seem to be counted from another link"
+    )
+    entries = "; ".join(lines)
+    return f"{' and '.join(with_others)}: {whose}. Say so under [columns] in a map ({entries})"
 
 
 def _exchange(stem: str, order: Sequence[int], joints: tuple[str, ...]) -> tuple[str, str]:

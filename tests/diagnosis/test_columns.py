@@ -76,6 +76,24 @@ def test_two_positions_are_exchanged_where_no_effort_follows_its_own(monkeypatch
     assert columns.mistaken(hil.fit([run], hil.base_model(run.robot)), [run]) == []
 
 
+@pytest.mark.parametrize(
+    ("turn", "efforts", "said"),
+    [
+        ([[1, 0, 0], [0, 1, 0], [0, 1, 1]], True, ["q2 = -1, q3 = 1", "tau2 = 1, tau3 = 1"]),
+        ([[1, 0, 0], [0, 1, 0], [0, -1, 1]], True, ["q2 = 1, q3 = 1", "tau2 = 1, tau3 = -1"]),
+        ([[1, 0, 0], [1, 1, 0], [1, 1, 1]], False, ["q1 = -1, q2 = 1", "q2 = -1, q3 = 1"]),
+    ],
+)
+def test_motors_that_count_from_another_link_are_told_with_their_map(turn, efforts, said):
+    """A palletiser's motors stand in its base: a spring at 1.00 and minutes were the answer."""
+    run, turn = plants.serial_arm(3, 1), np.array(turn, float)
+    tau = run.tau @ np.linalg.inv(turn) if efforts else run.tau
+    motors = replace(run, q=run.q @ turn.T, qd=None, tau=tau)
+    ((code, text),) = columns.mistaken(hil.fit([motors], hil.base_model(run.robot)), [motors])
+    assert code == "coupled" and all(x in text for x in said) and ("tau" in text) == efforts
+    assert text.count(" sum = ") == len(said)
+
+
 @pytest.mark.slow
 def test_a_comparison_says_which_column_is_mistaken():
     run = plants.axes_apart()
