@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from hil.diagnosis.constants import BEATEN, BEYOND, DISCREPANCY, HALF, OPEN, SURE
 from hil.diagnosis.evidence import try_all
 from hil.diagnosis.floor import practical
-from hil.diagnosis.folds import Split
-from hil.diagnosis.folds import split as dealt
-from hil.diagnosis.grams import BlockErrors, GramTable, Group
+from hil.diagnosis.grams import BlockErrors, GramTable, Group, Split
+from hil.diagnosis.grams import split as dealt
 from hil.diagnosis.types import Candidate
 from hil.identify.design import Key, Term, block, comes_back, replaced
 from hil.identify.problem import Problem

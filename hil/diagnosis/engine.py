@@ -13,6 +13,7 @@ from both another ratio: of a gear, of units, or of where it was measured.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -38,7 +39,7 @@ from hil.diagnosis.constants import (
     WORTH,
 )
 from hil.diagnosis.floor import alarming, practical
-from hil.diagnosis.folds import Split, split
+from hil.diagnosis.grams import Split, split
 from hil.diagnosis.heldout import Examiner, settled, still_differ, within_errors
 from hil.diagnosis.naming import emptied, exchange, separated
 from hil.diagnosis.preconditions import (
@@ -48,8 +49,8 @@ from hil.diagnosis.preconditions import (
     without_effort,
 )
 from hil.diagnosis.remodel import Visited
-from hil.diagnosis.residual_tests import TOUCHED, Touch, touches
 from hil.diagnosis.search import Search
+from hil.diagnosis.touches import TOUCHED, Touch, confirmed, suspects, touches
 from hil.diagnosis.types import (
     NOTHING,
     Candidate,
@@ -78,6 +79,7 @@ from hil.diagnosis.verdict import (
 from hil.identify import multistep
 from hil.identify.context import renew
 from hil.identify.design import by_run
+from hil.identify.fit import fit
 from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
@@ -191,10 +193,17 @@ def _diagnosed(
         search.forward()
         named = _named(search)
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
-    if cuts < CUTS and (told := _touched(out, recordings)):
+    if cuts < CUTS and (told := _acting(out, recordings, touches)):
         progress.at("something pushed for a moment: seek again without these times", 0.1)
         out = _diagnosed(_without(recordings, told), model, held, seed, faults, cuts + 1)
         out.warnings = [(TOUCHED, t.text) for t in told] + out.warnings
+    elif cuts < CUTS and (told := _acting(out, recordings, suspects)):
+        progress.at("something may have pushed for a moment: seek without these times", 0.1)
+        other = _diagnosed(_without(recordings, told), model, held, seed, faults, CUTS)
+        if other.ladder and confirmed(_of_all(recordings, other), told):
+            other.warnings = [(TOUCHED, t.text) for t in told] + other.warnings
+            return other
+        renew(out.result)
     return out
 
 
@@ -202,7 +211,9 @@ def _diagnosed(
 CUTS = 3
 
 
-def _touched(out: Diagnosis, recordings: list[Recording]) -> list[Touch]:
+def _acting(
+    out: Diagnosis, recordings: list[Recording], which: Callable[[FitResult], list[Touch]]
+) -> list[Touch]:
     """What acted for moments beside the last names; nothing where a fifth of the time is left out.
 
     What is left out on one joint may have hidden what acts on another.  Nor is anything told on
@@ -212,7 +223,13 @@ def _touched(out: Diagnosis, recordings: list[Recording]) -> list[Touch]:
     if max(gone) > BEATEN:
         return []
     changed = {c.joint for c in out.last.changes}
-    return [t for t in touches(out.explained.result) if t.joint not in changed]
+    return [t for t in which(out.explained.result) if t.joint not in changed]
+
+
+def _of_all(recordings: list[Recording], out: Diagnosis) -> FitResult:
+    """All that has a name in another diagnosis, fitted to these runs."""
+    named = out.explained.result.model
+    return fit(of_model(recordings, named), named, sweeps=1)
 
 
 def _without(recordings: list[Recording], told: list[Touch]) -> list[Recording]:

@@ -33,7 +33,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from hil.diagnosis.constants import ADEQUATE, ALARMS, MATTERS, SENSOR_ACCURACY, WORTH
-from hil.diagnosis.folds import Split, split
+from hil.diagnosis.grams import Split, split
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify import bands
 from hil.identify.context import drives

@@ -43,7 +43,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import floor_of, gather, in_time, terms_to_try
 from hil.diagnosis.floor import practical
-from hil.diagnosis.folds import Split, split
+from hil.diagnosis.grams import Split, split
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.errors import DataError, plural
 from hil.identify.context import set_context

@@ -249,11 +249,16 @@ class Postures:
         """The first of them; as recorded where none helps."""
         return next(iter(self.bests()), [Sense() for _ in range(self._d)])
 
-    def now(self, senses: Sequence[Sense] | None = None) -> float:
-        """Squared share of the efforts that some senses leave; those that are recorded if None."""
+    def now(
+        self, senses: Sequence[Sense] | None = None, gravity: FloatArray | None = None
+    ) -> float:
+        """Squared share of the efforts that some senses leave; those that are recorded if None.
+
+        `gravity`: as of `left`.
+        """
         senses = senses or [Sense() for _ in range(self._d)]
         j = self._rows[0].j
-        return self.left(senses, j)[int(senses[j].effort < 0)]
+        return self.left(senses, j, gravity)[int(senses[j].effort < 0)]
 
     def _tried(self, senses: Sequence[Sense]) -> list[tuple[float, Sense, int]]:
         """What the best sense of each joint leaves beside those of the others, least first."""
@@ -387,7 +392,8 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
             quarters,
             tuple(senses),
         )
-    if gravity is not None:
+    # springs of the joints seem to be a gravity from another side, which must leave clearly less
+    if gravity is not None and postures.now(gravity=gravity) < WHOLE * sprung:
         numbers = " ".join(f"{x:.3g}" for x in gravity + 0.0)
         text = (
             f"gravity does not act as the robot description says. Write <gravity>{numbers}"

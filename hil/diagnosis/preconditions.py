@@ -24,8 +24,7 @@ from hil.diagnosis.constants import (
     TENTH,
     WHOLE,
 )
-from hil.diagnosis.folds import Split
-from hil.diagnosis.grams import GramTable, Group
+from hil.diagnosis.grams import GramTable, Group, Split
 from hil.errors import plural
 from hil.identify.design import Term, head
 from hil.identify.problem import Problem

@@ -18,8 +18,7 @@ from hil.diagnosis.attribution import as_use
 from hil.diagnosis.candidates import Rated, model_groups, rate, tried
 from hil.diagnosis.constants import HALF, WORTH
 from hil.diagnosis.evidence import EFFECT, detect, measured_floor, priced, terms_to_try
-from hil.diagnosis.folds import Split
-from hil.diagnosis.grams import BlockErrors, GramTable
+from hil.diagnosis.grams import BlockErrors, GramTable, Split
 from hil.diagnosis.heldout import Examiner, of_blocks
 from hil.diagnosis.residual_tests import changes, changes_somewhere
 from hil.diagnosis.types import Candidate, Change, Evidence, Floor, Step, describe

@@ -45,7 +45,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import in_time
 from hil.diagnosis.floor import practical
-from hil.diagnosis.folds import Split, levels, parts
+from hil.diagnosis.grams import Split, levels, parts
 from hil.diagnosis.preconditions import upwards
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Finding
 from hil.identify.design import Term, head

@@ -32,9 +32,8 @@ from hil.diagnosis.evidence import (
     terms_to_try,
 )
 from hil.diagnosis.floor import practical
-from hil.diagnosis.folds import Split
-from hil.diagnosis.folds import split as dealt
-from hil.diagnosis.grams import BlockErrors, GramTable
+from hil.diagnosis.grams import BlockErrors, GramTable, Split
+from hil.diagnosis.grams import split as dealt
 from hil.diagnosis.remodel import Models, Visited, missed, without
 from hil.diagnosis.types import Candidate, CheckResult, Evidence, Step, describe
 from hil.identify.context import renew

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, fit_as_stated
 from hil.models import catalogue
-from hil.models.model import Range, RobotModel, Use, as_model
+from hil.models.model import Range, RobotModel, Use, as_model, of_runs
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
@@ -187,7 +187,8 @@ def compare(
         If an argument is of another kind.
     """
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
-    model = model.as_it_is() if as_is else model
+    of_others = _of_other_runs(model, recordings) if as_is else []
+    model = model.as_it_is([r.name for r in recordings]) if as_is else model
     progress.at("fit", 0.0)
     rows, judged = (before.result.problem, before.judged) if before else (None, None)
     problem = make_problem(recordings, model, rows)
@@ -209,7 +210,7 @@ def compare(
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
     level = evidence.floor.rms if floor is None else floor
-    notes = _undescribed(problem) + other_robot(model, recordings)
+    notes = _undescribed(problem) + other_robot(model, recordings) + of_others
     # a wrong column looks like wrong masses, too; it is asked of the first model of the runs alone
     asked = before is None and not all(t.fixed for t in result.terms)
     columns = mistaken(result, recordings) if asked else []
@@ -226,6 +227,21 @@ def compare(
     )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
     out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    return out
+
+
+def _of_other_runs(model: RobotModel, recordings: Sequence[Recording]) -> list[tuple[str, str]]:
+    """Notes (code, sentence) of effects with values of single runs, of which these are none."""
+    out = []
+    for use in model.effects:
+        fitted = {run for known in of_runs(use).values() for run in known}
+        new = [r.name for r in recordings if r.name not in fitted]
+        if fitted and new:
+            text = (
+                f"{use.type} has values of {', '.join(sorted(fitted))} alone; for "
+                f"{', '.join(new)} their mean is taken. Without --as-is each run is given its own"
+            )
+            out.append(("other-runs", text))
     return out
 
 

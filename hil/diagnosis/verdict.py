@@ -21,7 +21,8 @@ from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
-from hil.diagnosis.residual_tests import bends, changes_told, pushed, unlike, unlike_notes
+from hil.diagnosis.residual_tests import bends, changes_told, unlike, unlike_notes
+from hil.diagnosis.touches import pushed
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
 from hil.identify.bands import HELD, effort_noise
 from hil.identify.context import renew

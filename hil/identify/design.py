@@ -59,6 +59,11 @@ class Term:
         named = zip(self.effect.shape, self.shape, strict=False)
         return next((int(x) - 1 for p, x in named if p.name == JOINT and x > 0), self.joint)
 
+    @property
+    def first(self) -> int:
+        """First run with coefficients: the second of differences, unless they are given values."""
+        return int(self.effect.variation.relative and not self.fixed)
+
     def reshaped(self, shape: tuple[float, ...]) -> Term:
         """Copy with other shape values."""
         return replace(self, shape=shape)
@@ -100,15 +105,13 @@ def coefficients(term: Term, problem: Problem) -> list[tuple[str, Param]]:
         bound = problem.positive
         return [(n, replace(p, lower=max(p.lower, 0.0)) if n in bound else p) for n, p in named]
     firsts = np.unique(problem.whole, return_index=True)[1]
-    names = [problem.recordings[k].name for k in firsts][
-        1 if term.effect.variation.relative else 0 :
-    ]
+    names = [problem.recordings[k].name for k in firsts][term.first :]
     return [(f"{start}.{p.name}[{run}]", p) for run in names for p in params]
 
 
 def by_run(term: Term, theta: FloatArray, runs: int) -> FloatArray:
     """Coefficients (runs, m) of a term with its own ones in every run."""
-    first = int(term.effect.variation.relative)
+    first = term.first
     each = theta.reshape(runs - first, -1) if runs > first else np.zeros((0, theta.size))
     return np.concatenate([np.zeros((first, each.shape[1])), each])
 
@@ -143,10 +146,10 @@ def bind(model: RobotModel, problem: Problem) -> list[Term]:
             if effect.scope.lacks(motion, j) and Trait.GIVEN in effect.traits:
                 continue
             options = {k: bool(use.options.get(k, False)) for k in OPTIONS}
-            if effect.variation.relative and options["per_run"] and problem.runs == 1:
+            term = Term(effect, j, stored_shape(use, effect, j, problem), use=index, **options)
+            if term.per_run and term.first >= problem.runs:
                 continue  # one run alone shows no difference between runs
-            shape = stored_shape(use, effect, j, problem)
-            terms.append(Term(effect, j, shape, use=index, **options))
+            terms.append(term)
     return [t for t in terms if not any(t.key in replaced(x) for x in terms if x is not t)]
 
 
@@ -172,7 +175,7 @@ def stored_shape(use: Use, effect: Effect, j: int, problem: Problem) -> tuple[fl
 
 def block(problem: Problem, term: Term) -> FloatArray:
     """Columns of a term on the rows of its joint (n, m), or of all joints (d, n, m)."""
-    return problem.columns(term.effect, term.joint, term.shape, term.per_run)
+    return problem.columns(term.effect, term.joint, term.shape, term.per_run, every=term.fixed)
 
 
 def stack(problem: Problem, terms: list[Term]) -> tuple[FloatArray, list[slice]]:

@@ -193,8 +193,11 @@ def assemble(
         part |= _shapes(problem, t, shapes, source)
         values |= part
         uses.setdefault(t.use, {}).update(part)
+    differ = {t.use for t in terms if t.per_run and t.first}
+    reference = {"reference": problem.recordings[0].name}
     effects = tuple(
-        Use(u.type, u.joints, u.options, uses.get(k, {})) for k, u in enumerate(model.effects)
+        Use(u.type, u.joints, u.options | (reference if k in differ else {}), uses.get(k, {}))
+        for k, u in enumerate(model.effects)
     )
     names = [n for t in terms for n, _ in coefficients(t, problem)]
     start = left_open(theta, prior(problem, terms, model, names), b)

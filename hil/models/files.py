@@ -38,6 +38,8 @@ _TOP = ("schema", "robot", "effects", "signal", "plugins", "valid", "fitted")
 _RANGES = ("position", "speed", "load")
 _ROBOT = ("urdf", "preset", "tip", "arm", "explains")
 _OPTIONS = ("per_run", "fixed", "fixed_shape")
+#: Run that values of other runs are differences to.
+_REFERENCE = "reference"
 _EXPLAINS = ("motor", "external")
 
 
@@ -186,11 +188,18 @@ def _use(entry: Any) -> Use:
     if not isinstance(entry, dict) or "type" not in entry:
         raise ConfigError("every [[effects]] needs type = <name of an effect>")
     effect = catalogue.get(str(entry["type"]))
-    _keys(entry, ("type", "joints", "parameters", *_OPTIONS), f"effect {effect.name!r}")
+    known = ("type", "joints", "parameters", *_OPTIONS, _REFERENCE)
+    _keys(entry, known, f"effect {effect.name!r}")
     what, options = f"effect {effect.name!r}", {k: entry[k] for k in _OPTIONS if k in entry}
     for key, value in options.items():
         if not isinstance(value, bool):
             raise ConfigError(f"{what}: {key} = {value!r}: expected true or false")
+    if _REFERENCE in entry:
+        options[_REFERENCE] = entry[_REFERENCE]
+        if not isinstance(entry[_REFERENCE], str):
+            raise ConfigError(
+                f"{what}: {_REFERENCE} = {entry[_REFERENCE]!r}: expected the name of a run"
+            )
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, dict):
         raise ConfigError(f"{what}: parameters must be a table of names with values")

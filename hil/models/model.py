@@ -60,6 +60,7 @@ class Use:
         Joint names; ``("*",)`` means all.  One name may stand alone.
     options : dict
         ``per_run = true`` gives every run its own coefficients; ``fixed = true`` keeps the values.
+        ``reference`` is the run that values of other runs are differences to.
     values : dict of str to Value
         By full name, e.g. ``j2.stribeck.fs``.
     """
@@ -220,10 +221,16 @@ class RobotModel(Shown):
         """Whether some of its values are kept as they are when it is fitted."""
         return any(u.options.get("fixed") for u in self.effects)
 
-    def as_it_is(self) -> RobotModel:
+    def as_it_is(self, runs: Sequence[str] = ()) -> RobotModel:
         """The model with all its values kept: a fit of it fits nothing.
 
         Filters and shift are those that it was fitted with, where `band` does not say otherwise.
+
+        Parameters
+        ----------
+        runs : sequence of str
+            Runs that it is to foretell.  Where an effect has values of every run, one that was
+            never fitted gets the mean of the others.
 
         Raises
         ------
@@ -240,7 +247,7 @@ class RobotModel(Shown):
                 "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
             )
         kept = {"fixed": True, "fixed_shape": True}
-        effects = tuple(replace(u, options=u.options | kept) for u in self.effects)
+        effects = tuple(replace(_in_runs(u, runs), options=u.options | kept) for u in self.effects)
         return replace(self, effects=effects, band=self.band.beside(self.fitted))
 
     def _replaced(self, use: Use) -> bool:
@@ -352,6 +359,33 @@ class RobotModel(Shown):
             for joint in use.joints:
                 if joint != "*" and joint not in joints:
                     raise ConfigError(f"effect {use.type!r}: " + unknown("joint", joint, joints))
+
+
+#: Name of a value of one run.
+_OF_A_RUN = re.compile(r"(.*)\[(.*)\]")
+
+
+def of_runs(use: Use) -> dict[str, dict[str, Value]]:
+    """Values of an effect by name and run; that of a reference run is 0."""
+    out: dict[str, dict[str, Value]] = {}
+    for name, value in use.values.items():
+        if use.options.get("per_run") and (found := _OF_A_RUN.fullmatch(name)):
+            out.setdefault(found[1], {})[found[2]] = value
+    reference = use.options.get("reference")
+    for known in out.values():
+        if isinstance(reference, str):
+            known.setdefault(reference, replace(next(iter(known.values())), value=0.0))
+    return out
+
+
+def _in_runs(use: Use, runs: Sequence[str]) -> Use:
+    """An effect with values for all of some runs, see `RobotModel.as_it_is`."""
+    more: dict[str, Value] = {}
+    for name, known in of_runs(use).items():
+        mean = float(np.mean([v.value for v in known.values()]))
+        other = replace(next(iter(known.values())), value=mean, stderr=float("nan"))
+        more |= {f"{name}[{run}]": known.get(run, other) for run in runs}
+    return replace(use, values=use.values | more)
 
 
 def _overlap(a: tuple[str, ...], b: tuple[str, ...]) -> bool:

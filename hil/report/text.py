@@ -18,12 +18,11 @@ from hil.diagnosis.residual_tests import (
     CHANGED,
     CUT_THERE,
     FIT_APART,
-    PUSHED,
     STARTS,
-    TOUCHED,
     UNLIKE,
 )
 from hil.diagnosis.rules import OF_GEOMETRY
+from hil.diagnosis.touches import PUSHED, TOUCHED
 from hil.diagnosis.types import (
     EITHER,
     Finding,

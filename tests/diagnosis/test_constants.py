@@ -30,10 +30,11 @@ _ARITHMETIC = {
     "heldout": {"RESOLUTION_RATIO"},
     "naming": {"STARTS", "ROUNDS"},
     "residual_tests": {
-        "INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED", "FORCE",
+        "INSTANTS", "AROUND", "OWN_SHARE", "PARTS", "LAGS", "NAMED", "PADDED",
     },
     "residuals": {"HIGHEST_ORDER"},
     "search": {"HINTS"},
+    "touches": {"FORCE"},
     "types": {"FLIPS"},
 }  # fmt: skip
 

@@ -8,7 +8,7 @@ import pytest
 
 import hil
 from hil.diagnosis.engine import _begun
-from hil.diagnosis.folds import split
+from hil.diagnosis.grams import split
 from hil.diagnosis.heldout import Examiner
 from hil.identify.fit import fit
 from hil.identify.problem import Problem

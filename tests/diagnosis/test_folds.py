@@ -7,7 +7,7 @@ import plants
 import pytest
 
 from hil.diagnosis.constants import FOLDS, GUARD
-from hil.diagnosis.folds import split
+from hil.diagnosis.grams import split
 from hil.identify.problem import Problem
 
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.diagnosis.folds import split
-from hil.diagnosis.grams import GramTable, Group
+from hil.diagnosis.grams import GramTable, Group, split
 from hil.identify.problem import Problem
 
 

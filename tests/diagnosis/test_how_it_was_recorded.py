@@ -11,7 +11,7 @@ import scipy
 import hil
 from hil.cli import main
 from hil.diagnosis.engine import _begun
-from hil.diagnosis.folds import split
+from hil.diagnosis.grams import split
 from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
 from hil.identify.fit import fit

@@ -9,6 +9,7 @@ import plants
 import pytest
 
 import hil
+from hil.diagnosis import columns
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.postures import Postures, Sense, countings
 from hil.identify.fit import fit
@@ -203,3 +204,12 @@ def test_how_far_a_base_leans_before_it_is_another_description(angle, little):
     turn = pin.exp3(np.radians(angle) * np.array([0.6, 0.8, 0.0]))
     assert found.leans(turn @ down) == little
     assert not found.leans(np.zeros(3))
+
+
+def test_a_spring_about_the_vertical_is_no_gravity_from_another_side():
+    """A cable on the first joint of an arm was a gravity along x, and the answer *bad-data*."""
+    run = plants.serial_arm(2, 1, seconds=10.0)
+    sprung = replace(run, tau=run.tau + np.outer(3.0 * (run.q[:, 0] - 0.1), [1.0, 0.0]))
+    fit = hil.fit([sprung], hil.base_model(run.robot))
+    assert fit.relative[0] > 50.0
+    assert columns.mistaken(fit, [sprung]) == []

@@ -8,7 +8,7 @@ import pytest
 
 import hil
 from hil.diagnosis.attribution import as_use
-from hil.diagnosis.folds import split
+from hil.diagnosis.grams import split
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.search import Search
 from hil.identify.problem import of_model

@@ -246,3 +246,23 @@ def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude
     found = values(answer)
     assert found["joint"] == len(told["joints"])
     assert found["m"] == pytest.approx(mass, rel=0.02)
+
+
+def test_differences_between_runs_say_from_which_run_they_count(tmp_path) -> None:
+    """The run that carries more was foretold without it where it came alone."""
+    runs = [plants.serial_arm(2, k, link, axes=PITCH, seconds=8.0) for k, link in ((1, 0), (2, 2))]
+    body = Use("payload", options={"per_run": True}, values={"payload.joint": Value(2.0)})
+    result = hil.fit(runs, base_model(runs[0].robot) + body)
+    write_model(result.model, tmp_path / "m.toml")
+    model = read_model(tmp_path / "m.toml")
+    (use,) = (u for u in model.effects if u.type == "payload")
+    assert use.options["reference"] == runs[0].name
+    for run in runs:
+        alone = hil.compare([run], model, as_is=True, simulate=False)
+        assert np.all(alone.result.relative < 1.3 * result.relative)
+        assert "other-runs" not in [f.code for f in alone.faults]
+    other = hil.compare([replace(runs[1], name="new")], model, as_is=True, simulate=False)
+    mass = result.values[f"payload.m[{runs[1].name}]"].value
+    assert other.result.values["payload.m[new]"].value == pytest.approx(mass / 2)
+    (said,) = [f.text for f in other.faults if f.code == "other-runs"]
+    assert "payload has values of" in said and "for new their mean is taken" in said

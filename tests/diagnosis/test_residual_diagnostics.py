@@ -12,17 +12,17 @@ from scipy.signal import lfilter
 import hil
 from hil.commands.compare import text as compared
 from hil.commands.diagnose import short, text
+from hil.diagnosis import engine
 from hil.diagnosis.constants import BURSTS, CERTAIN, SURE, SWINGS
 from hil.diagnosis.residual_tests import (
     STARTS,
-    TOUCHED,
     UNLIKE,
-    _often,
     _slowly,
     kurtosis,
-    touches,
 )
+from hil.diagnosis.touches import TOUCHED, Touch, _often, touches
 from hil.diagnosis.verbs import ladder
+from hil.record.recording import Recording
 from hil.report.html import diagnosis_report
 
 
@@ -171,6 +171,45 @@ def test_pushes_of_several_joints_and_runs_do_not_hide_each_other():
         for middle in (4.0, 16.0, 9.0):
             assert any(float(a) < middle < float(b) for a, b in times), (joint, middle)
     assert (d.verdict, d.findings) == ("adequate", [])
+
+
+def knob(push: float, width: float = 0.01) -> Recording:
+    """A knob with cogging and dry friction that builds up; a hand pushes it for a second."""
+    rng = np.random.default_rng(1)
+    t = np.arange(24 * 400) / 400.0
+    w = 2 * np.pi * np.array([0.11, 0.29, 0.67])
+    q, v, a = plants.sines(t, w, np.array([1.0, 0.9, 0.4]), rng.uniform(0, 6.28, 3))
+    z = np.zeros(t.size)
+    for k, step in enumerate(np.diff(q), 1):
+        z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-abs(step) / width)
+    tau = 4e-4 * a + 0.012 * z + 0.003 * v + 0.008 * np.sin(14 * q + 0.3)
+    tau += push * np.exp(-(((t - 11.0) / 0.5) ** 4)) + 2e-4 * rng.standard_normal(t.size)
+    return plants.single("knob", t, q, tau)
+
+
+@pytest.mark.parametrize(("push", "width"), [(-0.02, 0.03), plants.further(-0.03, 0.01)])
+def test_a_push_beside_what_is_missing_is_left_out_and_hides_nothing(push, width):
+    """It was most of what was left, and of two effects one or none was found beside it."""
+    run = knob(push, width)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert {f.effect for f in d.findings if f.confidence > 0.95} == {"cogging", "presliding"}
+    (said,) = [w for code, w in d.warnings if code == TOUCHED]
+    a, b = map(float, re.search(r"([0-9.]+) to ([0-9.]+) s", said).groups())
+    assert 9.0 < a < 10.8 and 11.2 < b < 13.0
+    assert d.ladder[-1].heldout.relative[0] < 0.5
+
+
+def test_what_is_suspected_of_a_push_and_is_none_stays(monkeypatch):
+    """A better model that leaves nothing more then than at other times clears the suspicion."""
+    run, asked = knob(0.0), []
+    plain = hil.diagnose([run], hil.base_model(run.robot))
+    span = [(5.0, 6.0)]
+    told = [Touch("joint1", "knob", "N m", 0, span, 0.0, 1.0)]
+    monkeypatch.setattr(engine, "suspects", lambda result: asked.append(result) or told)
+    d = hil.diagnose([run], hil.base_model(run.robot))
+    assert asked and not any(code == TOUCHED for code, _ in d.warnings)
+    assert [f.effect for f in d.findings] == [f.effect for f in plain.findings]
+    assert d.ladder[-1].heldout.relative == pytest.approx(plain.ladder[-1].heldout.relative)
 
 
 def test_what_acts_where_a_joint_is_only_then_is_no_push():

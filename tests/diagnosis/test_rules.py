@@ -11,7 +11,7 @@ import pytest
 from hil.diagnosis import rules
 from hil.diagnosis.candidates import paired
 from hil.diagnosis.constants import HALF, LEVEL, MATTERS, OPEN, PARTS, WORTH
-from hil.diagnosis.folds import Split, levels
+from hil.diagnosis.grams import Split, levels
 from hil.diagnosis.types import Candidate, CheckResult, Floor, HeldOut
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep

@@ -160,7 +160,7 @@ def test_held_out_runs_confirm_a_name():
 
 def test_a_rule_that_stopped_a_candidate_says_which_and_why():
     """Every stop has a code of the registry, a sentence and its numbers."""
-    from hil.diagnosis.folds import split
+    from hil.diagnosis.grams import split
     from hil.diagnosis.heldout import Examiner
     from hil.diagnosis.search import Search
     from hil.identify.problem import Problem
