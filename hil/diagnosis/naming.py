@@ -453,8 +453,6 @@ def _as_described(search: Search, named: Named, rated: list[Rated]) -> Candidate
         if -odds < CERTAIN or worse:
             continue
         if not rules.fails(rules.Refit(search, r, now, rung), ALLOWED):
-            known = search.stands_for
-            known[rival.term.key] = known.get(c.term.key, c.term.key)
             other = replace(rival, joint=c.joint)  # where it is felt is the same
             _exchanged(search, c, other, rung)
             return other
@@ -462,7 +460,9 @@ def _as_described(search: Search, named: Named, rated: list[Rated]) -> Candidate
 
 
 def _exchanged(search: Search, c: Candidate, other: Candidate, rung: Visited) -> None:
-    """One effect in the place of another, for good."""
+    """One effect in the place of another, for good; what that explained is its doing now."""
+    known = search.stands_for
+    known[other.term.key] = known.get(c.term.key, c.term.key)
     label = f"{describe(other, search.problem)} for {describe(c, search.problem)}"
     rung.step, rung.added = replace(rung.step, label=label), (other,)
     renew(rung.result)

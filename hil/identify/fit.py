@@ -333,8 +333,8 @@ def _own(t: Term) -> bool:
 
 def _happens(t: Term) -> bool:
     """Whether it happens in every run at an instant of its own, which is searched."""
-    varies, search = t.effect.variation, t.effect.search
-    return varies.own(t.shape) and varies.dated(t.shape) and search.refine and bool(t.shape)
+    varies = t.effect.variation
+    return varies.own(t.shape) and varies.dated(t.shape) and t.effect.continuous and bool(t.shape)
 
 
 def _dated(t: Term, problem: Problem, r: FloatArray, sigma: FloatArray) -> Term:

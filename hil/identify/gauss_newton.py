@@ -165,7 +165,7 @@ def line(problem: Problem, term: Term) -> FloatArray:
 
 def searched(problem: Problem, term: Term) -> bool:
     """Whether the first shape value was found on a continuous range (the others are forms)."""
-    held = term.fixed or term.fixed_shape or not term.effect.shape or not term.effect.search.refine
+    held = term.fixed or term.fixed_shape or not term.effect.continuous
     return not held and line(problem, term).size > 1
 
 

@@ -128,7 +128,7 @@ def _shape_name(result: FitResult, term: Term) -> str:
 
 def _error(result: FitResult, term: Term) -> float:
     """Standard error of a term's first shape value; NaN where it stays as it is."""
-    if term.fixed_shape or term.fixed or not (term.effect.shape and term.effect.search.refine):
+    if term.fixed_shape or term.fixed or not term.effect.continuous:
         return float("nan")
     known = result.values[_shape_name(result, term)]
     return known.stderr if known.identifiable and not known.at_bound else float("nan")

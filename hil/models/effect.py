@@ -143,6 +143,11 @@ class Effect(ABC):
     limits: ClassVar[tuple[Limit, ...]] = (BOUNDS,)
     traits: ClassVar[Trait] = Trait.NONE
 
+    @property
+    def continuous(self) -> bool:
+        """Whether the first shape value is sought between the places of its grid, too."""
+        return self.search.refine and bool(self.shape) and not self.shape[0].choice
+
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Effort of unit coefficients on joint j.
