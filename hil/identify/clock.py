@@ -461,9 +461,9 @@ class _Told:
         late = self.since + way[0] + way[1] * self.since
         return self._of((late > self.since[0] + LATE_STEP) & (late < self.since[-1] - LATE_STEP))
 
-    def left(self, end: float) -> _Left:
-        """What is left in the time up to `end` [s]."""
-        return self._of(self.since <= end)
+    def left(self, end: float, start: float = -np.inf) -> _Left:
+        """What is left in the time from `start` up to `end` [s]."""
+        return self._of((self.since >= start) & (self.since <= end))
 
     def roughly(self, end: float) -> _Left:
         """The same of no more instants than the band asks for, by which many ways are ranked."""
@@ -471,10 +471,6 @@ class _Told:
         step = max(int(1.0 / (RANKED_HZ * float(self.since[1] - self.since[0]))), 1)
         at[np.arange(at.size) % step != 0] = False
         return self._of(at)
-
-    def from_(self, start: float) -> _Left:
-        """What is left in the time from `start` [s] on."""
-        return self._of(self.since >= start)
 
     def _of(self, at: NDArray[np.bool_]) -> _Left:
         bases = [np.linalg.qr(x[at])[0] for x in self.columns]
@@ -634,11 +630,14 @@ def _drift(told: _Told) -> FloatArray | None:
         end = longer
     best: FloatArray = ways[0]
     best = _least(whole, best, length)
-    if abs(best[1]) * length <= GROWS_S or whole(best) >= steady.fun + np.log(TAKES):
+    # no shift may do better for what it shifts out of the run: a jolt at its end
+    edge = max(abs(best[0]), abs(best[0] + best[1] * length)) + LATE_STEP
+    if abs(best[1]) * length <= GROWS_S or 2 * edge > length / 3:
         return None
     # a clock runs on: what is late in the middle is late the other way round at either end
-    ends = told.left(length / 3), told.from_(2 * length / 3)
-    return best if all(x(best) < x(alone) + np.log(TAKES) for x in ends) else None
+    spans = (edge, length - edge), (edge, length / 3), (2 * length / 3, length - edge)
+    parts = [told.left(end, start) for start, end in spans]
+    return best if all(x(best) < x(alone) + np.log(TAKES) for x in parts) else None
 
 
 def _refined_way(way: FloatArray, told: Sequence[_Told]) -> FloatArray:

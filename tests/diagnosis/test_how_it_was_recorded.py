@@ -14,6 +14,7 @@ from hil.diagnosis.engine import _begun
 from hil.diagnosis.grams import split
 from hil.diagnosis.heldout import Examiner
 from hil.errors import ConfigError
+from hil.identify import clock
 from hil.identify.fit import fit
 from hil.identify.prepare import prepared
 from hil.identify.problem import Alignment, Problem
@@ -347,6 +348,21 @@ def test_two_clocks_of_an_arm_are_found_and_of_one_clock_none_is(capsys, tmp_pat
     # what a map says of the clocks holds
     stated = replace(apart, metadata={**apart.metadata, "signal_clock_ppm": "0"})
     assert prepared(stated).timing.drift == 0.0
+
+
+@pytest.mark.parametrize("size", [11.0, 16.0, 25.0])
+def test_a_jolt_at_the_end_of_a_run_is_no_second_clock(size):
+    """A shift that grows moved it out of the run, and was taken for a clock that is 0.5 % off."""
+    t, rng = np.arange(2500) / 100.0, np.random.default_rng(1)
+    sos = scipy.signal.butter(2, 1.0, fs=100.0, output="sos")
+    motion = scipy.signal.sosfiltfilt(sos, rng.standard_normal(t.size + 800))[400:-400]
+    motion /= motion.std()
+    effort = motion + 0.05 * rng.standard_normal(t.size)
+    stops = effort - size * np.sin(np.clip((t - 24.85) / 0.14, 0, 1) * np.pi / 2) ** 2
+    assert clock._drift(clock._Told(t, [motion[:, None]], stops[:, None])) is None
+    late = np.interp(t * 0.99, t, effort)
+    found = clock._drift(clock._Told(t, [motion[:, None]], late[:, None]))
+    assert found[1] == pytest.approx(0.0101, rel=0.02)
 
 
 def test_another_clock_is_said_before_a_diagnosis_and_beside_a_comparison(capsys, tmp_path):
