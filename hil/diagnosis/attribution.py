@@ -44,6 +44,7 @@ from hil.identify.solve import ERRORS, colouring, described
 from hil.models.effect import (
     BOUNDS,
     Fitted,
+    Limit,
     Lines,
     Trait,
     Waves,
@@ -270,12 +271,24 @@ def physical(c: Candidate, problem: Problem) -> bool:
     return not why_not(c, problem)
 
 
-def why_not(c: Candidate, problem: Problem) -> str:
-    """Why the coefficients cannot be; empty where they can."""
+def may_be(c: Candidate, problem: Problem) -> bool:
+    """Whether the coefficients are physical, or of an effect too small to be told by these data."""
+    limit = _broken(c, problem)
+    return physical(c, problem) if limit is None else limit.unseen
+
+
+def _broken(c: Candidate, problem: Problem) -> Limit | None:
+    """The first limit of its effect that a candidate breaks."""
     term, effect = c.term, c.term.effect
     motion = where_acts(problem, term, c.coefficients)
     values = Fitted(effect, motion, term.joint, term.shape, c.coefficients, c.errors)
-    if (limit := broken(effect, values)) is not None:
+    return broken(effect, values)
+
+
+def why_not(c: Candidate, problem: Problem) -> str:
+    """Why the coefficients cannot be; empty where they can."""
+    effect = c.term.effect
+    if (limit := _broken(c, problem)) is not None:
         return limit.says
     if len(effect.params) != 1 and not strict(effect):
         return ""

@@ -22,6 +22,7 @@ from hil.diagnosis.attribution import (
     described_odds,
     kindred,
     likelier,
+    may_be,
     overlap,
     physical,
     pliable,
@@ -264,7 +265,8 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     """Every effect of a joint beside the model without one of them, rated; and that projector.
 
     Laws of the load take that of the whole model: masses that make up for the effect that is left
-    out carry another one, beside which no law in its place can be seen.
+    out carry another one, beside which no law in its place can be seen.  What is too small for
+    these data is among them: it takes no name's place, but is a rival.
     """
     now = search.now
     rung = search.rung("without", without(now.result.model, c, search.problem), now.result.sigma)
@@ -287,7 +289,7 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
         or (
             r.removed > 0
             and r.candidate.score > 0
-            and physical(r.candidate, search.problem)
+            and may_be(r.candidate, search.problem)
             and not (r.candidate.smoother or r.candidate.blurred)
             and r.candidate.absorbed < ABSORBED
             and in_time(r.candidate, result)
@@ -358,7 +360,7 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
         r
         for r in rated
         if (r.candidate.name, c.term.joint) not in search.refused
-        and (r is own or (r.candidate.name != c.name and not rules.may_be_gravity(search, r)))
+        and (r is own or (r.candidate.name != c.name and _may_stand(search, r)))
         and r.joint == c.joint
     ]
     if own is None or not good:
@@ -377,6 +379,11 @@ def _better(search: Search, c: Candidate, rated: list[Rated]) -> Candidate | Non
         return None
     _exchanged(search, c, best.candidate, rung)
     return best.candidate
+
+
+def _may_stand(search: Search, r: Rated) -> bool:
+    """Whether a rated effect may take the place of a name: it is told by the data, and no mass."""
+    return physical(r.candidate, search.problem) and not rules.may_be_gravity(search, r)
 
 
 def _suiting(
@@ -400,7 +407,7 @@ def _suiting(
         for r in rated
         if r is not own
         and r.joint == c.joint
-        and not rules.may_be_gravity(search, r)
+        and _may_stand(search, r)
         and r.candidate.dof <= c.dof
         and (r.candidate.name, c.term.joint) not in search.refused
         and (shaped or r.removed > (1 - DISCREPANCY) * own.removed)
@@ -446,6 +453,8 @@ def _as_described(search: Search, named: Named, rated: list[Rated]) -> Candidate
         r = every.get(rival.term.key)
         if r is None or (rival.name, rival.term.joint) in search.refused:
             continue
+        if not physical(rival, search.problem):
+            continue
         rung = _in_place(search, c, rival)
         (odds,) = described_odds(now.result, [rung.result])
         held = rung.step.heldout.rms > (1 + WORTH / 2) * now.step.heldout.rms
@@ -489,7 +498,7 @@ def _elsewhere(search: Search, c: Candidate, rated: list[Rated]) -> dict[tuple[s
         if r.joint == j
         and r.candidate.name != c.name
         and (r.candidate.name, c.term.joint) not in search.refused
-        and not rules.may_be_gravity(search, r)
+        and _may_stand(search, r)
         and r.removed > (1 - DISCREPANCY) * own.removed
     ]
     went = {}

@@ -597,12 +597,16 @@ class Limit:
         Whether the search keeps all coefficients within their bounds as well.
     says : str
         Why values that break it are no finding, for people.
+    unseen : bool
+        Whether what breaks it may be there all the same, too small to be told by these data: it is
+        no finding, but a rival of what takes as much.
     """
 
     code: str
     met: Callable[[Fitted], bool]
     strict: bool = False
     says: str = "the best values are physically impossible (friction that drives, for example)"
+    unseen: bool = False
 
 
 def _within(f: Fitted) -> bool:

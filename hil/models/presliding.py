@@ -267,6 +267,7 @@ class Presliding(Effect):
             "stiff",
             _presliding_wide,
             says="it slides within the least displacement that can be seen",
+            unseen=True,
         ),
         Limit("blunt", _presliding_carries, says="its loops carry too little of the friction"),
         STRICT,
