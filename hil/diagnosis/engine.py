@@ -193,18 +193,24 @@ def _diagnosed(
         search.forward()
         named = _named(search)
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
-    if cuts < CUTS and (told := _acting(out, recordings, touches)):
-        progress.at("something pushed for a moment: seek again without these times", 0.1)
-        out = _diagnosed(_without(recordings, told), model, held, seed, faults, cuts + 1)
-        out.warnings = [(TOUCHED, t.text) for t in told] + out.warnings
-    elif cuts < CUTS and (told := _acting(out, recordings, suspects)):
-        progress.at("something may have pushed for a moment: seek without these times", 0.1)
-        other = _diagnosed(_without(recordings, told), model, held, seed, faults, CUTS)
-        if other.ladder and confirmed(_of_all(recordings, other), told):
-            other.warnings = [(TOUCHED, t.text) for t in told] + other.warnings
-            return other
-        renew(out.result)
-    return out
+    told = _acting(out, recordings, touches) if cuts < CUTS else []
+    doubted = [] if told or cuts >= CUTS else _acting(out, recordings, suspects)
+    if not (told or doubted):
+        return out
+    progress.at("something pushed for a moment: seek again without these times", 0.1)
+    some = told or doubted
+    other = _diagnosed(
+        _without(recordings, some), model, held, seed, faults, cuts + 1 if told else CUTS
+    )
+    sure = confirmed(_of_all(recordings, other), some) if other.ladder else some
+    if len(sure) < len(some) or any(a.spans != b.spans for a, b in zip(sure, some, strict=True)):
+        if not (told and sure):
+            renew(out.result)
+            return out
+        progress.at("less of it than it seemed: seek again with the rest", 0.1)
+        other = _diagnosed(_without(recordings, sure), model, held, seed, faults, CUTS)
+    other.warnings = [(TOUCHED, t.text) for t in sure] + other.warnings
+    return other
 
 
 #: Times that moments are left out and all is sought again.

@@ -10,7 +10,8 @@ anything pushed there (`confirmed`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,8 +117,8 @@ def suspects(result: FitResult) -> list[Touch]:
     return _moments(result, _either, together=False)
 
 
-def confirmed(result: FitResult, told: Sequence[Touch]) -> bool:
-    """Whether a better model of the same runs, moments included, shows that something acted then.
+def confirmed(result: FitResult, told: Sequence[Touch]) -> list[Touch]:
+    """What a better model of the same runs, moments included, shows to have acted then.
 
     That the joint was in each position, at each speed and under each effort elsewhere is enough.
 
@@ -127,17 +128,18 @@ def confirmed(result: FitResult, told: Sequence[Touch]) -> bool:
         The model that was found without these moments, fitted to the runs with them.
     told : sequence of Touch
         What is suspected.
+
+    Returns
+    -------
+    list of Touch
+        The same, with the times that are confirmed alone.
     """
-    sure = _moments(result, _struck, together=False)
-    return all(
-        any(t.joint == x.joint and t.run == x.run and _meet(t.spans, x.spans) for x in sure)
-        for t in told
-    )
-
-
-def _meet(some: Sequence[tuple[float, float]], others: Sequence[tuple[float, float]]) -> bool:
-    """Whether every one of some spans of time has a part in one of others."""
-    return all(any(a < d and c < b for c, d in others) for a, b in some)
+    out, sure = [], _moments(result, _struck, together=False)
+    for t in told:
+        there = [x for s in sure if (s.joint, s.run) == (t.joint, t.run) for x in s.spans]
+        spans = [(a, b) for a, b in t.spans if any(a < d and c < b for c, d in there)]
+        out += [replace(t, spans=spans)] if spans else []
+    return out
 
 
 #: Which instants (n,) of the residual (n,) of joint j, dealt into blocks (n,), something acted at.
@@ -167,10 +169,29 @@ def _moments(result: FitResult, which: Which, together: bool = True) -> list[Tou
     )
     for j in joints:
         r = np.where(problem.live[j], residual[j], 0.0)
-        struck = which(problem, j, r, blocks)
+        struck = _not_at_turns(problem, j, which(problem, j, r, blocks), r)
         slow = _slow_share(problem, np.where(struck, r, 0.0)[:, None])
         if slow > HALF and _elsewhere_alike(problem, j, struck, r, blocks, together):
             out += _touches_of(result, j, struck, r)
+    return out
+
+
+def _not_at_turns(
+    problem: Problem, j: int, struck: NDArray[np.bool_], r: FloatArray
+) -> NDArray[np.bool_]:
+    """Of some instants (n,) the stretches whose residual r (n,) is not mostly that of slow moments.
+
+    What friction does as a joint turns comes in bursts, and not at every turn alike.  The filter of
+    the efforts spreads it over its period.
+    """
+    speed, wide = np.abs(problem.qd[j]), round(HALF * problem.rate / problem.rates.effort)
+    turns = speed < TENTH * float(np.sqrt(np.mean(speed[problem.live[j]] ** 2)))
+    turns = binary_dilation(turns, iterations=max(wide, 1))
+    ends = np.flatnonzero(np.diff(np.r_[0, struck * (problem.run + 1), 0]))
+    out = np.zeros_like(struck)
+    for a, b in pairwise(ends.tolist()):
+        power = r[a:b] ** 2
+        out[a:b] = struck[a:b] & (float(power[turns[a:b]].sum()) <= HALF * float(power.sum()))
     return out
 
 

@@ -54,7 +54,7 @@ from hil.identify.solve import (
     solve,
     solved,
 )
-from hil.models.effect import Trait
+from hil.models.effect import Trait, continuous
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.models.parts import Param
 
@@ -334,7 +334,7 @@ def _own(t: Term) -> bool:
 def _happens(t: Term) -> bool:
     """Whether it happens in every run at an instant of its own, which is searched."""
     varies = t.effect.variation
-    return varies.own(t.shape) and varies.dated(t.shape) and t.effect.continuous and bool(t.shape)
+    return varies.own(t.shape) and varies.dated(t.shape) and continuous(t.effect) and bool(t.shape)
 
 
 def _dated(t: Term, problem: Problem, r: FloatArray, sigma: FloatArray) -> Term:

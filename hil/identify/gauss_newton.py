@@ -56,7 +56,7 @@ from hil.identify.regression import (
 )
 from hil.identify.result import FitResult
 from hil.identify.solve import Drawn, limits, noise_to_signal, solve, solved
-from hil.models.effect import Trait
+from hil.models.effect import Trait, continuous
 from hil.models.model import RobotModel, Value
 from hil.models.motion import Motion
 from hil.models.parts import JOINT
@@ -165,7 +165,7 @@ def line(problem: Problem, term: Term) -> FloatArray:
 
 def searched(problem: Problem, term: Term) -> bool:
     """Whether the first shape value was found on a continuous range (the others are forms)."""
-    held = term.fixed or term.fixed_shape or not term.effect.continuous
+    held = term.fixed or term.fixed_shape or not continuous(term.effect)
     return not held and line(problem, term).size > 1
 
 

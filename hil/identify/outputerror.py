@@ -31,6 +31,7 @@ from hil.identify.problem import Problem
 from hil.identify.regression import least_squares
 from hil.identify.result import FitResult
 from hil.identify.solve import limits
+from hil.models.effect import continuous
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int_]
@@ -128,7 +129,7 @@ def _shape_name(result: FitResult, term: Term) -> str:
 
 def _error(result: FitResult, term: Term) -> float:
     """Standard error of a term's first shape value; NaN where it stays as it is."""
-    if term.fixed_shape or term.fixed or not term.effect.continuous:
+    if term.fixed_shape or term.fixed or not continuous(term.effect):
         return float("nan")
     known = result.values[_shape_name(result, term)]
     return known.stderr if known.identifiable and not known.at_bound else float("nan")

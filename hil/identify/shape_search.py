@@ -24,7 +24,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.result import FitResult
 from hil.identify.screening import CLOSE, USUAL, flat, grid_of, left, simplest, tried
-from hil.models.effect import Effect, Trait, Waves, alone, typical_speed
+from hil.models.effect import Effect, Trait, Waves, alone, continuous, typical_speed
 from hil.models.motion import Motion
 from hil.models.parts import JOINT
 
@@ -425,7 +425,7 @@ def searched(
 ) -> tuple[Term, float]:
     """The best shape about the grid's best: its first value, the others, the first again."""
     gain, effect = known[found.shape], found.effect
-    movable = effect.continuous and len(grid) > 1
+    movable = continuous(effect) and len(grid) > 1
     line = line_of(grid, found.shape) if movable else []
     if movable:
         found, gain = _refine(projector, found, line, known, accuracy)
@@ -502,7 +502,7 @@ def present(
     gain = projector.gain(term)
     if gain - found[1] <= (CLOSE - 1) * left(projector, term, gain):
         return found
-    if not term.effect.continuous or len(grid) < 2:
+    if not continuous(term.effect) or len(grid) < 2:
         return term, gain
     return _refine(projector, term, line_of(grid, term.shape), {term.shape: gain}, accuracy)
 

@@ -143,11 +143,6 @@ class Effect(ABC):
     limits: ClassVar[tuple[Limit, ...]] = (BOUNDS,)
     traits: ClassVar[Trait] = Trait.NONE
 
-    @property
-    def continuous(self) -> bool:
-        """Whether the first shape value is sought between the places of its grid, too."""
-        return self.search.refine and bool(self.shape) and not self.shape[0].choice
-
     @abstractmethod
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """Effort of unit coefficients on joint j.
@@ -200,6 +195,11 @@ def refused(
     """
     limit = broken(effect, Fitted(effect, motion, j, shape, beta, error))
     return "" if limit is None else limit.code
+
+
+def continuous(effect: Effect) -> bool:
+    """Whether the first shape value of an effect is sought between the places of its grid, too."""
+    return effect.search.refine and bool(effect.shape) and not effect.shape[0].choice
 
 
 def broken(effect: Effect, values: Fitted) -> Limit | None:

@@ -15,7 +15,8 @@ import hil
 from hil.diagnosis import naming
 from hil.diagnosis.attribution import Named, described_odds
 from hil.diagnosis.constants import HALF
-from hil.diagnosis.types import Candidate
+from hil.diagnosis.remodel import Visited
+from hil.diagnosis.types import Candidate, Step
 from hil.identify.design import Term
 from hil.models import catalogue
 from hil.record.recording import RobotSource
@@ -138,14 +139,30 @@ def test_a_rival_that_leaves_the_masses_as_described_takes_the_place(
 
     mine, rival = candidate(0), candidate(1)
     exchanged = []
-    search = SimpleNamespace(now=rung(1.0), refused=set(), moves=[0, 1], stands_for={})
+    search = SimpleNamespace(now=rung(1.0), refused=set(), moves=[0, 1], problem=None)
     monkeypatch.setattr(naming, "_in_place", lambda *_: rung(rise))
     monkeypatch.setattr(naming, "described_odds", lambda *_: [odds])
     monkeypatch.setattr(naming.rules, "fails", lambda *_: None)
     monkeypatch.setattr(naming, "_exchanged", lambda *of: exchanged.append(of[2]))
+    monkeypatch.setattr(naming, "physical", lambda *_: True)
     rated = [SimpleNamespace(candidate=rival, joint=1)]
     other = naming._as_described(search, Named(mine, 0.5, [rival]), rated)
     assert (other is not None) is taken is bool(exchanged)
     if taken:  # what either does is one thing, felt where it was
         assert other.term is rival.term and other.joint == mine.joint
-        assert search.stands_for == {rival.term.key: mine.term.key}
+
+
+def test_what_an_exchanged_law_explains_is_what_the_one_before_it_did(monkeypatch):
+    """Load friction that had explained most counted for the little that its exchange gained."""
+    names = ("spring", "unbalance", "position-torque")
+    one, two, three = (Candidate(Term(catalogue.get(n), 0, ()), 1.0, 1.0) for n in names)
+    problem = SimpleNamespace(joints=("joint1",))
+    search = SimpleNamespace(
+        found=[one], rungs=[], refused=set(), stands_for={}, problem=problem, moves=[0]
+    )
+    monkeypatch.setattr(naming, "renew", lambda result: None)
+    for before, after in ((one, two), (two, three)):
+        rung = Visited(Step("", None, None), None, ())
+        naming._exchanged(search, before, after, rung)
+    assert search.found == [three] and [r.added for r in search.rungs] == [(two,), (three,)]
+    assert search.stands_for[three.term.key] == search.stands_for[two.term.key] == one.term.key
