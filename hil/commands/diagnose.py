@@ -684,13 +684,21 @@ def concluded(args: argparse.Namespace) -> int:
         common.save_model(result.model, written)
     show(args, result)
     if written and not args.json:
-        terminal.out(f"{'improved model' if result.findings else 'model, refitted'}: {written}")
+        terminal.out(f"{_what_is_written(result)}: {written}")
         for f in result.findings:
             if f.confidence < CONFIDENT:
                 names = " or ".join([f"{f.effect} on {f.joint or 'the robot'}", *f.rivals])
                 why = "these data fit either" if f.rivals else f.reason
                 terminal.out(f"  not settled: {names}; {why}")
     return code(result)
+
+
+def _what_is_written(result: Diagnosis) -> str:
+    """What the model is beside the given one."""
+    if result.findings:
+        return "improved model"
+    more = len(result.model.effects) > len(result.ladder[0].result.model.effects)
+    return "improved model, what it adds has no sure name" if more else "model, refitted"
 
 
 def _many(args: argparse.Namespace) -> bool:

@@ -12,7 +12,16 @@ from test_report import model
 from hil import terminal
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
-from hil.commands.diagnose import ERRORS, _contribution, _forms, _telling, short, text, verdict
+from hil.commands.diagnose import (
+    ERRORS,
+    _contribution,
+    _forms,
+    _telling,
+    _what_is_written,
+    short,
+    text,
+    verdict,
+)
 from hil.diagnosis.attribution import Named
 from hil.diagnosis.engine import _weighed, diagnose
 from hil.diagnosis.equivalence import at_issue_of
@@ -628,6 +637,25 @@ def test_which_model_explains_the_fitted_runs_is_said(monkeypatch, rungs, which)
     m.after = steps[rungs - 1]
     said = f"{which.capitalize()} explains the fitted data, but not b in the held-out data."
     assert headline(m) == said
+
+
+@pytest.mark.parametrize(
+    ("findings", "effects", "said"),
+    [
+        ([1], 3, "improved model"),
+        ([], 3, "improved model, what it adds has no sure name"),
+        ([], 2, "model, refitted"),
+    ],
+)
+def test_a_model_with_effects_that_have_no_name_is_not_only_refitted(findings, effects, said):
+    """A model with three effects more was told to be the given one, refitted."""
+    result = SimpleNamespace(model=SimpleNamespace(effects=[0, 0]))
+    d = SimpleNamespace(
+        findings=findings,
+        ladder=[SimpleNamespace(result=result)],
+        model=SimpleNamespace(effects=[0] * effects),
+    )
+    assert _what_is_written(d) == said
 
 
 def test_the_headline_of_an_undecided_answer_has_what_is_sure_and_what_is_likely(plain):
