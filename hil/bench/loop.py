@@ -33,10 +33,10 @@ from tqdm import tqdm
 from hil import terminal
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import read_metadata
-from hil.record.ring import Ring
 from hil.rig.config import load_rig
 from hil.rigs import rig_path
 from hil.runtime import runner, session
+from hil.runtime.board import Ring
 from hil.runtime.clock import SPIN_NS, MonotonicClock
 from hil.runtime.realtime import arranged
 from hil.runtime.statistics import Histogram

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from hil import terminal
-from hil.record.ring import Ring
 from hil.record.schema import read_fields
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, bench_of, open_rig
 from hil.rigs import rig_path
+from hil.runtime.board import Ring
 from hil.runtime.clock import VirtualClock
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import arranged

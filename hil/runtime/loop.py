@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil.record.ring import Ring
 from hil.rig import estimators, safety
 from hil.rig.open import ArmPort
 from hil.rig.safety import BITS, FAULTING, PAUSING
+from hil.runtime.board import Ring
 from hil.runtime.clock import Clock
 from hil.runtime.commands import OperatorCommand
 from hil.signals.device import (

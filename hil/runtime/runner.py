@@ -17,13 +17,13 @@ from types import FrameType
 from hil import registry
 from hil.errors import ConfigError, DeviceError, HilError
 from hil.interrupt import Ended, interrupts
-from hil.record.ring import Ring
 from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
 from hil.rig.safety import BITS, LOOKED_BACK, alternates, beyond, lamps, sentence
 from hil.runtime import commands, session
+from hil.runtime.board import Ring
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded
 from hil.runtime.loop import Loop

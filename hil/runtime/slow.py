@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_write import SessionWriter
-from hil.record.ring import Ring
 from hil.rig.safety import named, sentence
+from hil.runtime.board import Ring
 from hil.runtime.clock import Clock
 from hil.runtime.commands import RECORD, Workshop, parse
 from hil.runtime.loop import Loop

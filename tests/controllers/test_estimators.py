@@ -18,13 +18,13 @@ from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
 from hil.experiments import elastic_transmission
 from hil.record.container import read
 from hil.record.mcap_read import load
-from hil.record.ring import Ring
 from hil.record.schema import decode_numbers
 from hil.rig import estimators
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.rigs import rig_path
 from hil.runtime import runner
+from hil.runtime.board import Ring
 from hil.runtime.clock import VirtualClock
 from hil.runtime.loop import Loop
 from hil.runtime.replay import replay

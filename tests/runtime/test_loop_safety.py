@@ -16,7 +16,6 @@ import pytest
 
 from hil.errors import DeviceError
 from hil.record.recording import RobotSource
-from hil.record.ring import Ring
 from hil.rig import safety
 from hil.rig.check import limits_of_arm
 from hil.rig.config import ArmConfig, SafetyConfig, load_rig
@@ -33,6 +32,7 @@ from hil.rig.safety import (
     named,
     sentence,
 )
+from hil.runtime.board import Ring
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload

@@ -13,9 +13,9 @@ from hil.cli import main
 from hil.errors import ConfigError, DeviceError
 from hil.record.container import read
 from hil.record.mcap_read import load, summary
-from hil.record.ring import Ring
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
+from hil.runtime.board import Ring
 from hil.runtime.clock import MonotonicClock, VirtualClock
 from hil.runtime.loop import Loop
 from hil.runtime.runner import Operator, run
