@@ -28,6 +28,7 @@ from hil.diagnosis.constants import (
     SURE,
     TENTH,
     WHOLE,
+    WORTH,
 )
 from hil.diagnosis.floor import free_columns, practical
 from hil.diagnosis.residual_tests import NAMED
@@ -134,7 +135,7 @@ def confirmed(result: FitResult, told: Sequence[Touch]) -> list[Touch]:
     list of Touch
         The same, with the times that are confirmed alone.
     """
-    out, sure = [], _moments(result, _struck, together=False)
+    out, sure = [], suspects(result)
     for t in told:
         there = [x for s in sure if (s.joint, s.run) == (t.joint, t.run) for x in s.spans]
         spans = [(a, b) for a, b in t.spans if any(a < d and c < b for c, d in there)]
@@ -308,8 +309,8 @@ def _elsewhere_alike(
     """Whether joint j was in the same motion as at most of some instants (n,) at other times, too.
 
     By the power of what is left, r (n,): where position, speed and foretold effort are as near to
-    those of another time as those of seven in ten of the other instants are; all of them together,
-    or each by itself.
+    those of another time as those of seven in ten of the other instants are, all of them together;
+    or each by itself as near as that, or as a hundredth or so of its spread.
     """
     x = np.stack([problem.q[j], problem.qd[j], problem.y[j] - r], axis=1)
     x = x / np.maximum(x.std(axis=0), 1e-300)
@@ -318,21 +319,29 @@ def _elsewhere_alike(
         return False
     some = [x] if together else list(x.T[:, :, None])
     power = r[at] ** 2
-    near = [float(power[_near(v, quiet, at, blocks)].sum()) for v in some]
+    least = 0.0 if together else WORTH
+    near = [float(power[_near(v, quiet, at, blocks, least)].sum()) for v in some]
     return min(near) > HALF * float(power.sum())
 
 
 def _near(
-    x: FloatArray, quiet: NDArray[np.bool_], at: NDArray[np.bool_], blocks: NDArray[np.int_]
+    x: FloatArray,
+    quiet: NDArray[np.bool_],
+    at: NDArray[np.bool_],
+    blocks: NDArray[np.int_],
+    least: float,
 ) -> NDArray[np.bool_]:
-    """Which of the instants `at` are as near in x (n, m) to quiet ones as most of those are."""
+    """Which of the instants `at` are as near in x (n, m) to quiet ones as most of those are.
+
+    Or nearer than `least`.
+    """
     apart = []
     for b in np.unique(blocks[quiet]).tolist():
         other = quiet & (np.abs(blocks - b) > 1)
         if np.any(other):
             apart.append(cKDTree(x[other]).query(x[quiet & (blocks == b)])[0])
     usual = float(np.quantile(np.concatenate(apart), WHOLE)) if apart else 0.0
-    return np.asarray(cKDTree(x[quiet]).query(x[at])[0] < usual)
+    return np.asarray(cKDTree(x[quiet]).query(x[at])[0] < max(usual, least))
 
 
 def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_], r: FloatArray) -> list[Touch]:

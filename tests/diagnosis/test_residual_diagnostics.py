@@ -233,3 +233,19 @@ def test_what_acts_many_times_and_for_long_comes_with_the_motion(moments, long, 
     wide = np.concatenate([struck[:50], np.zeros(250, dtype=bool)])
     full = np.concatenate([every, every, every])
     assert _often(wide, full, blocks, runs) is often
+
+
+def test_a_push_is_told_where_the_noise_of_other_runs_is_less():
+    """Blocks of two kinds of noise spread so far that a push of a second was within that."""
+    quiet = plants.smooth_axis(1, 20.0, 250.0, noise=0.002)
+    loud = plants.smooth_axis(2, 20.0, 250.0, noise=0.05)
+    push = 1.0 * np.exp(-(((loud.t - 8.0) / 0.4) ** 4))
+    pushed = replace(loud, tau=loud.tau + push[:, None])
+    base = hil.base_model(loud.robot)
+    assert touches(hil.fit([quiet, pushed], base)) == []
+    d = hil.diagnose([quiet, pushed], base)
+    (said,) = [w for code, w in d.warnings if code == TOUCHED]
+    a, b = map(float, re.search(r"([0-9.]+) to ([0-9.]+) s", said).groups())
+    assert 6.0 < a < 8.0 < b < 10.0 and "of run2" in said.replace(loud.name, "run2")
+    assert (d.verdict, d.findings) == ("adequate", [])
+    assert d.noise == pytest.approx(hil.diagnose([quiet, loud], base).noise, rel=0.2)
