@@ -239,7 +239,7 @@ def _of_other_runs(model: RobotModel, recordings: Sequence[Recording]) -> list[t
         if fitted and new:
             text = (
                 f"{use.type} has values of {', '.join(sorted(fitted))} alone; for "
-                f"{', '.join(new)} their mean is taken. Without --as-is each run is given its own"
+                f"{', '.join(new)} their median is taken. Without --as-is each run is given its own"
             )
             out.append(("other-runs", text))
     return out

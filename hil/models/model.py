@@ -230,7 +230,7 @@ class RobotModel(Shown):
         ----------
         runs : sequence of str
             Runs that it is to foretell.  Where an effect has values of every run, one that was
-            never fitted gets the mean of the others.
+            never fitted gets the median of the others.
 
         Raises
         ------
@@ -382,8 +382,9 @@ def _in_runs(use: Use, runs: Sequence[str]) -> Use:
     """An effect with values for all of some runs, see `RobotModel.as_it_is`."""
     more: dict[str, Value] = {}
     for name, known in of_runs(use).items():
-        mean = float(np.mean([v.value for v in known.values()]))
-        other = replace(next(iter(known.values())), value=mean, stderr=float("nan"))
+        # one odd run of several does not draw the median away from the others
+        usual = float(np.median([v.value for v in known.values()]))
+        other = replace(next(iter(known.values())), value=usual, stderr=float("nan"))
         more |= {f"{name}[{run}]": known.get(run, other) for run in runs}
     return replace(use, values=use.values | more)
 

@@ -265,4 +265,4 @@ def test_differences_between_runs_say_from_which_run_they_count(tmp_path) -> Non
     mass = result.values[f"payload.m[{runs[1].name}]"].value
     assert other.result.values["payload.m[new]"].value == pytest.approx(mass / 2)
     (said,) = [f.text for f in other.faults if f.code == "other-runs"]
-    assert "payload has values of" in said and "for new their mean is taken" in said
+    assert "payload has values of" in said and "for new their median is taken" in said
