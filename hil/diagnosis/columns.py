@@ -51,8 +51,9 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Codes of what exchanges columns, or takes several for one.
-EXCHANGES = ("swapped", "order", "coupled")
+#: Codes of what exchanges columns, takes several for one, scales or shifts one: an effect may look
+#: like it.
+EXCHANGES = ("swapped", "order", "coupled", "scale", "posture")
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 

@@ -94,6 +94,18 @@ def test_motors_that_count_from_another_link_are_told_with_their_map(turn, effor
     assert text.count(" sum = ") == len(said)
 
 
+@pytest.mark.parametrize(("d", "seed", "joint"), [(3, 2, 2), (4, 1, 3)])
+def test_an_offset_of_many_times_an_effort_is_no_scale_and_no_zero(d, seed, joint):
+    """A gripper's effort with an offset of twelve times itself was "in another unit or scale"."""
+    run = plants.serial_arm(d, seed, seconds=10.0)
+    tau = run.tau.copy()
+    tau[:, joint] -= 12.0 * tau[:, joint].std()
+    offset = replace(run, tau=tau)
+    fit = hil.fit([offset], hil.base_model(run.robot) - "torque-offset")
+    assert fit.relative.max() > 40.0
+    assert columns.mistaken(fit, [offset]) == []
+
+
 @pytest.mark.slow
 def test_a_comparison_says_which_column_is_mistaken():
     run = plants.axes_apart()
