@@ -193,28 +193,35 @@ def _diagnosed(
         search.forward()
         named = _named(search)
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
-    told = _acting(out, recordings, touches) if cuts < CUTS else []
-    doubted = [] if told or cuts >= CUTS else _acting(out, recordings, suspects)
-    if not (told or doubted):
+    if cuts >= CUTS:
         return out
-    progress.at("something pushed for a moment: seek again without these times", 0.1)
-    some = told or doubted
-    other = _diagnosed(
-        _without(recordings, some), model, held, seed, faults, cuts + 1 if told else CUTS
-    )
+    told = _acting(out, recordings, touches)
+    some = told or _acting(out, recordings, suspects)
+
+    def again(some: list[Touch], cuts: int) -> Diagnosis:
+        progress.at("something pushed for a moment: seek again without these times", 0.1)
+        return _diagnosed(_without(recordings, some), model, held, seed, faults, cuts)
+
+    if not some:
+        return out
+    other = again(some, cuts + 1 if told else CUTS)
     sure = confirmed(_of_all(recordings, other), some) if other.ladder else some
-    if len(sure) < len(some) or any(a.spans != b.spans for a, b in zip(sure, some, strict=True)):
-        if not (told and sure):
-            renew(out.result)
-            return out
-        progress.at("less of it than it seemed: seek again with the rest", 0.1)
-        other = _diagnosed(_without(recordings, sure), model, held, seed, faults, CUTS)
-    other.warnings = [(TOUCHED, t.text) for t in sure] + other.warnings
-    return other
+    if [t.spans for t in sure] == [t.spans for t in some]:
+        return _told(other, sure)
+    if told and sure:
+        return _told(again(sure, CUTS), sure)
+    renew(out.result)
+    return out
 
 
 #: Times that moments are left out and all is sought again.
 CUTS = 3
+
+
+def _told(out: Diagnosis, sure: list[Touch]) -> Diagnosis:
+    """A diagnosis that says which moments were left out of it."""
+    out.warnings = [(TOUCHED, t.text) for t in sure] + out.warnings
+    return out
 
 
 def _acting(
