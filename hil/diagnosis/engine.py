@@ -196,7 +196,8 @@ def _diagnosed(
     if cuts >= CUTS:
         return out
     told = _acting(out, recordings, touches)
-    some = told or _acting(out, recordings, suspects)
+    # what is only suspected is sought, and what was told is asked of the better model, once
+    some = told or ([] if cuts else _acting(out, recordings, suspects))
 
     def again(some: list[Touch], cuts: int) -> Diagnosis:
         progress.at("something pushed for a moment: seek again without these times", 0.1)
@@ -205,7 +206,8 @@ def _diagnosed(
     if not some:
         return out
     other = again(some, cuts + 1 if told else CUTS)
-    sure = confirmed(_of_all(recordings, other), some) if other.ladder else some
+    ask = other.ladder and not cuts
+    sure = confirmed(_of_all(recordings, other), some) if ask else some
     if [t.spans for t in sure] == [t.spans for t in some]:
         return _told(other, sure)
     if told and sure:
