@@ -70,7 +70,7 @@ class Search(Models):
     found: list[Candidate] = field(default_factory=list)
     #: Effects, and others that were tried in the place of each though they act otherwise.
     tried_for: set[tuple[tuple[str, int], tuple[str, int]]] = field(default_factory=set)
-    #: Effect -> the one that it stands for without explaining more: what either does was its doing.
+    #: Effect -> the first one in whose place it stands: what that explained is its doing.
     stands_for: dict[tuple[str, int], tuple[str, int]] = field(default_factory=dict)
     #: Effects whose names stand, by effect and joint: corrections leave them their efforts.
     standing: list[tuple[str, int]] = field(default_factory=list)
