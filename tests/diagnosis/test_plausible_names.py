@@ -218,3 +218,21 @@ def test_a_second_law_shows_on_held_out_runs_by_more_than_the_first_may_miss(
     # what took the place of another law has done what that one did
     instead = (rung(0.5, "delay"), rung(after, effect))
     assert not engine._hardly_there(search, candidate, instead, 0, np.array([0.1]))
+
+
+@pytest.mark.parametrize(
+    ("width", "sum_of_loops", "known", "rival"),
+    [(0.5, 1.0, True, True), (1e-7, 1.0, False, True), (0.5, -1.0, False, False)],
+)
+def test_what_is_too_small_to_be_told_is_a_rival_and_no_name(width, sum_of_loops, known, rival):
+    """Bristles of a tenth of a milliradian were refused, and a soft shaft named at 1.00."""
+    run = plants.axis(1)
+    problem = hil.fit([run], hil.base_model(run.robot)).problem
+    effect = catalogue.get("presliding")
+    grid = [s for s in problem.grid(effect, 0) if s[1] == 0.0]
+    shape = (width * grid[-1][0], *grid[-1][1:])
+    beta = sum_of_loops * np.array([0.1, 0.3, 0.3, 0.3])
+    errors = tuple(1e-3 * np.abs(beta))
+    c = Candidate(Term(effect, 0, shape), 1.0, 1.0, coefficients=tuple(beta), errors=errors)
+    assert attribution.physical(c, problem) is known
+    assert attribution.may_be(c, problem) is rival

@@ -14,6 +14,7 @@ from hil.identify.projector import Projector
 from hil.identify.shape_search import best_shape
 from hil.models import catalogue
 from hil.models.disturbance import CLOCK, OWN_MOTION
+from hil.models.effect import continuous
 from hil.models.model import RobotModel, Use, Value, base_model
 from hil.record.recording import RobotSource
 
@@ -195,3 +196,17 @@ def test_a_sign_that_is_sought_in_few_steps_warns_of_nothing(monkeypatch):
     run = plants.coupled_axes(0.03)
     model = base_model(run.robot) + "coupled-transmission"
     assert np.all(fit(of_model([run], model), model).relative < 0.1)
+
+
+def test_the_number_of_another_joint_stays_a_whole_one() -> None:
+    """The second value of three was sought between 1 and 3, and 2.02 was the joint itself."""
+    assert not any(
+        continuous(e) for e in catalogue.table().values() if e.shape and e.shape[0].choice
+    )
+    run = plants.slow_axes(1)
+    load = np.abs(run.tau[:, 0] - run.tau[:, 0].mean())
+    speed = np.gradient(run.q[:, 1], run.t)
+    rubbed = run.tau + np.outer(0.2 * load * np.tanh(speed / 0.02), [0.0, 1.0, 0.0])
+    model = base_model(run.robot) + Use("coupled-load-friction", (run.joints[1],))
+    found = fit(Problem([replace(run, tau=rubbed)], run.robot), model)
+    assert found.values["j2.coupled-load-friction.joint"].value in (1.0, 3.0)
