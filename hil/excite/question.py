@@ -272,14 +272,22 @@ def verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict
         power, _ = _left(g, base, slots[0], a.theta)
         others = [(b, s) for b, s in zip(question.rivals, where, strict=True) if b is not a]
         if not others:
-            whole = float(a.theta @ g[np.ix_(slots[0], slots[0])] @ a.theta)
-            out[a.name, "base"] = _verdict(power, whole, question.floor)
+            out[a.name, "base"] = _from_base(g, question, a)
         for b, other in others:
             tries = [_left(g, np.concatenate([base, s]), slots[0], a.theta) for s in other[1:]]
             least = min(left for left, _ in tries)
             fresh = min(float(np.linalg.eigvalsh(schur)[-1]) for _, schur in tries)
             out[a.name, b.name] = replace(_verdict(least, power, question.floor), fresh=fresh)
     return out
+
+
+def _from_base(g: FloatArray, question: Question, a: Rival) -> Verdict:
+    """Verdict on one rival against the base alone."""
+    where, base = _slots(question)
+    slots = next(s for r, s in zip(question.rivals, where, strict=True) if r is a)[0]
+    power, _ = _left(g, base, slots, a.theta)
+    whole = float(a.theta @ g[np.ix_(slots, slots)] @ a.theta)
+    return _verdict(power, whole, question.floor)
 
 
 def pair(found: dict[tuple[str, str], Verdict], a: Rival, b: Rival) -> Verdict:
@@ -301,9 +309,9 @@ def against(g: FloatArray, question: Question, names: tuple[str, ...]) -> dict[s
     """Verdict on the first of some rivals against each other one; of a single one, the base."""
     found = verdicts(g, question)
     rivals = {r.name: r for r in question.rivals}
-    if len(rivals) == 1:
-        return {"base": next(iter(found.values()))}
     first, *others = names or tuple(rivals)
+    if not others:
+        return {"base": _from_base(g, question, rivals[first])}
     return {n: pair(found, rivals[first], rivals[n]) for n in others}
 
 

@@ -14,6 +14,7 @@ from hil.excite.question import Stage, explore, fitted, stage_of
 from hil.excite.trajectory import HEADROOM, Trajectory, check, grid, margins, of_robot, sample
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
+from hil.models.model import base_model
 from hil.models.robots import bare_robot
 from hil.record.recording import Recording, RobotSource
 
@@ -147,6 +148,15 @@ def test_motions_that_take_too_long_are_not_foreseen():
     assert found == []
     with pytest.raises(ConfigError, match="too slow for their ranges"):
         decide(survey(found, None, slow), None, ())
+
+
+def test_one_of_several_rivals_is_told_from_the_model_alone():
+    """A third that only the model imitates had no other one to compare with: an internal error."""
+    stage, base = stage_of(turning(2.0)), base_model(RobotSource("single-axis"))
+    asked = choose.question(base, ("spring", "stribeck"), 0, stage)
+    seen = survey(menu(asked, stage, 0, ("range-strokes", "rests")), asked, stage)
+    alone, both = decide(seen, asked, ("spring",)), decide(seen, asked, ("spring", "stribeck"))
+    assert alone.never == () and alone.options[0].verdict.odds >= both.options[0].verdict.odds > 0
 
 
 @pytest.mark.parametrize(("rests_at", "moves_with"), [(1.2, 0.5), (0.0, 2.0), (0.3, 0.1)])
