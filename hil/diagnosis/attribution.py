@@ -44,7 +44,6 @@ from hil.identify.solve import ERRORS, colouring, described
 from hil.models.effect import (
     BOUNDS,
     Fitted,
-    Limit,
     Lines,
     Trait,
     Waves,
@@ -272,27 +271,31 @@ def physical(c: Candidate, problem: Problem) -> bool:
 
 
 def may_be(c: Candidate, problem: Problem) -> bool:
-    """Whether the coefficients are physical, or of an effect too small to be told by these data."""
-    limit = _broken(c, problem)
-    return physical(c, problem) if limit is None else limit.unseen
-
-
-def _broken(c: Candidate, problem: Problem) -> Limit | None:
-    """The first limit of its effect that a candidate breaks."""
-    term, effect = c.term, c.term.effect
-    motion = where_acts(problem, term, c.coefficients)
-    values = Fitted(effect, motion, term.joint, term.shape, c.coefficients, c.errors)
-    return broken(effect, values)
+    """Whether the coefficients are physical, but for being too small to be told by these data."""
+    values = _fitted(c, problem)
+    broken_ones = [limit for limit in c.term.effect.limits if not limit.met(values)]
+    return all(limit.unseen for limit in broken_ones) and _bounded(c)
 
 
 def why_not(c: Candidate, problem: Problem) -> str:
     """Why the coefficients cannot be; empty where they can."""
-    effect = c.term.effect
-    if (limit := _broken(c, problem)) is not None:
+    if (limit := broken(c.term.effect, _fitted(c, problem))) is not None:
         return limit.says
+    return "" if _bounded(c) else BOUNDS.says
+
+
+def _fitted(c: Candidate, problem: Problem) -> Fitted:
+    """What the limits of its effect are asked of a candidate."""
+    term, motion = c.term, where_acts(problem, c.term, c.coefficients)
+    return Fitted(term.effect, motion, term.joint, term.shape, c.coefficients, c.errors)
+
+
+def _bounded(c: Candidate) -> bool:
+    """Whether a single coefficient, or all of a strict effect, lie within their bounds."""
+    effect = c.term.effect
     if len(effect.params) != 1 and not strict(effect):
-        return ""
-    return "" if within(effect, np.array(c.coefficients)) else BOUNDS.says
+        return True
+    return bool(within(effect, np.array(c.coefficients)))
 
 
 def alone(c: Candidate, evidence: Evidence, result: FitResult) -> bool:

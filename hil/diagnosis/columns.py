@@ -51,9 +51,8 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Codes of what exchanges columns, takes several for one, scales or shifts one: an effect may look
-#: like it.
-EXCHANGES = ("swapped", "order", "coupled", "scale", "posture")
+#: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted.
+LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture")
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -83,8 +82,8 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         found += _by_motors(result, recordings)
         found += _other_efforts(result, recordings, found)
     best = _best(found)
-    if best and best.code in EXCHANGES and _beside_effects(result) < _beside_effects(best.after):
-        best = _best([x for x in found if x.code not in EXCHANGES])
+    if best and best.code in LIKE_EFFECTS and _beside_effects(result) < _beside_effects(best.after):
+        best = _best([x for x in found if x.code not in LIKE_EFFECTS])
     return [(best.code, best.text)] if best and best.text else []
 
 

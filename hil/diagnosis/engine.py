@@ -193,16 +193,31 @@ def _diagnosed(
         search.forward()
         named = _named(search)
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
-    if cuts >= CUTS:
-        return out
-    told = _acting(out, recordings, touches)
-    # what is only suspected is sought, and what was told is asked of the better model, once
-    some = told or ([] if cuts else _acting(out, recordings, suspects))
 
     def again(some: list[Touch], cuts: int) -> Diagnosis:
         progress.at("something pushed for a moment: seek again without these times", 0.1)
         return _diagnosed(_without(recordings, some), model, held, seed, faults, cuts)
 
+    return out if cuts >= CUTS else _aside(out, recordings, again, cuts)
+
+
+#: Times that moments are left out and all is sought again.
+CUTS = 3
+
+
+def _aside(
+    out: Diagnosis,
+    recordings: list[Recording],
+    again: Callable[[list[Touch], int], Diagnosis],
+    cuts: int,
+) -> Diagnosis:
+    """The diagnosis without moments in which something pushed; `out` where nothing did.
+
+    At first also what is only suspected is left out, and the better model, which `again` gives, is
+    asked of all: what it does not confirm comes back.
+    """
+    told = _acting(out, recordings, touches)
+    some = told or ([] if cuts else _acting(out, recordings, suspects))
     if not some:
         return out
     other = again(some, cuts + 1 if told else CUTS)
@@ -214,10 +229,6 @@ def _diagnosed(
         return _told(again(sure, CUTS), sure)
     renew(out.result)
     return out
-
-
-#: Times that moments are left out and all is sought again.
-CUTS = 3
 
 
 def _told(out: Diagnosis, sure: list[Touch]) -> Diagnosis:

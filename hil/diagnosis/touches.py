@@ -310,7 +310,7 @@ def _elsewhere_alike(
 
     By the power of what is left, r (n,): where position, speed and foretold effort are as near to
     those of another time as those of seven in ten of the other instants are, all of them together;
-    or each by itself as near as that, or as a hundredth or so of its spread.
+    or each by itself as near as that, or as `WORTH` of its spread.
     """
     x = np.stack([problem.q[j], problem.qd[j], problem.y[j] - r], axis=1)
     x = x / np.maximum(x.std(axis=0), 1e-300)

@@ -222,7 +222,12 @@ def test_a_second_law_shows_on_held_out_runs_by_more_than_the_first_may_miss(
 
 @pytest.mark.parametrize(
     ("width", "sum_of_loops", "known", "rival"),
-    [(0.5, 1.0, True, True), (1e-7, 1.0, False, True), (0.5, -1.0, False, False)],
+    [
+        (0.5, 1.0, True, True),
+        (1e-7, 1.0, False, True),
+        (0.5, -1.0, False, False),
+        (1e-7, -1.0, False, False),
+    ],
 )
 def test_what_is_too_small_to_be_told_is_a_rival_and_no_name(width, sum_of_loops, known, rival):
     """Bristles of a tenth of a milliradian were refused, and a soft shaft named at 1.00."""
