@@ -25,7 +25,7 @@ from typing import Any, TextIO
 
 from tqdm import tqdm
 
-from hil import progress
+from hil import work
 from hil.errors import ConfigError, printable
 from hil.userfile import write_text
 
@@ -184,7 +184,7 @@ def working(shown: bool = True) -> Iterator[None]:
     thread = threading.Thread(target=drawn, name="progress", daemon=True)
     thread.start()
     try:
-        with progress.listening(told):
+        with work.listening(told):
             yield
     finally:
         over.set()

@@ -17,12 +17,12 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.models import catalogue
+from hil.models.kernels import slip_state
 from hil.models.motion import Motion
-from hil.models.presliding import slip_state
 from hil.record.recording import Recording, RobotSource
+from hil.work import single_threaded
 
 FloatArray = NDArray[np.float64]
 #: Motion of a run and rigid-body effort (n, d) to columns (n, k).

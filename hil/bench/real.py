@@ -32,13 +32,13 @@ from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
 from hil.experiments.replicate import LostRun, Where, counted, spread, where
 from hil.identify.context import renew
-from hil.identify.parallel import alone
 from hil.identify.problem import Problem
 from hil.interrupt import held_back, with_its_parent
 from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
 from hil.record.recording import Recording
 from hil.terminal import Found
+from hil.work import alone
 
 FloatArray = NDArray[np.float64]
 #: Runs to fit, and runs to judge on.

@@ -34,6 +34,7 @@ from hil.models.model import SIGN, Value, in_words, remark
 from hil.models.motion import FloatArray
 from hil.models.parts import JOINT
 from hil.record.checks import OF_UNITS
+from hil.record.consistency import Note
 from hil.record.sources import find, passed_over
 from hil.report.data import Files, command, diagnosis_json, from_diagnosis, ladder_json, with_files
 from hil.report.text import (
@@ -740,10 +741,16 @@ def show(args: argparse.Namespace, result: Diagnosis) -> None:
     )
 
 
+def _of_files(note: tuple[str, str], files: Files) -> tuple[str, str]:
+    """A note with the files that were analysed in the commands that it proposes."""
+    said = with_files(note[1], files)
+    return note.saying(said) if isinstance(note, Note) else (note[0], said)
+
+
 def _as_typed(d: Diagnosis, args: argparse.Namespace) -> None:
     """Let the commands that are proposed be of the recordings and the model that were analysed."""
     files = _files(args)
-    d.warnings = [(code, with_files(said, files)) for code, said in d.warnings]
+    d.warnings = [_of_files(n, files) for n in d.warnings]
     files = replace(files, sessions=(str(find(args.sessions)[0]),))  # a motion is of one of them
     d.unseen = [replace(u, command=with_files(u.command, files)) for u in d.unseen]
     d.sets = [replace(s, command=with_files(s.command, files)) for s in sets_of(d)]

@@ -28,7 +28,7 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
-from hil import outputs, progress, terminal
+from hil import outputs, terminal, work
 from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
@@ -71,7 +71,6 @@ from hil.excite.trajectory import (
 )
 from hil.identify.design import Term
 from hil.identify.fit import fit
-from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.model import RobotModel, base_model
@@ -85,6 +84,7 @@ from hil.record.urdf_joints import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
 from hil.userfile import is_dataset, read_text
+from hil.work import single_threaded
 
 #: Share of a joint's range that encoders resolve where nothing is known.
 RESOLUTION = 1e-4
@@ -605,7 +605,7 @@ def _joint(args: argparse.Namespace, stage: Stage) -> int | None:
 def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     if args.motion or args.joint:
         raise ConfigError("--motion and --joint need --for EFFECT; without it all joints move")
-    progress.at("seek the motion", 0.0)
+    work.at("seek the motion", 0.0)
     found = optimise(model, stage, args.seed)
     motion, margins = foreseen(found.motion, stage, model)
     rows = _write(args, motion, stage, "identifies the model")
@@ -638,7 +638,7 @@ def _separate(
     for name in names:
         catalogue.get(name)
     joint, joints = _joint(args, stage), len(stage.space.robot.joints)
-    progress.at("rate the motions", 0.0)
+    work.at("rate the motions", 0.0)
     asked = question(model, names, joint, stage)
     foreseen = menu(asked, stage, joint)
     seen = survey(foreseen, asked, stage)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil import outputs, progress, terminal
+from hil import outputs, terminal, work
 from hil.commands import common
 from hil.errors import ConfigError
 from hil.export import target
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if runs and not (model.robot.preset or model.robot.urdf):
         model = replace(model, robot=runs[0].robot)
     job = Job(model, Path(args.model), place.stem, runs, held, args.feasible)
-    progress.at("refit within the target", 0.0)
+    work.at("refit within the target", 0.0)
     made = kind.make(job)
     written = [place.with_suffix(ending) for ending in made.texts]
     for path in written[1:]:

@@ -11,11 +11,11 @@ from hil.diagnosis import verbs
 from hil.diagnosis.heldout import Examiner
 from hil.diagnosis.verdict import NO_GEOMETRY
 from hil.errors import ConfigError, plural
-from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
 from hil.identify.simulated import SimulatedFit, SimulationErrors, refine
 from hil.identify.solve import DESCRIBED
 from hil.models.model import Value, in_words, without_error
+from hil.work import single_threaded
 
 EXAMPLE = "hil fit run1.mcap run2.mcap --model arm.toml -o fitted.toml --simulate"
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hil import progress, terminal
+from hil import terminal, work
 from hil.commands import common
 from hil.errors import ConfigError, HilError, plural
 from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread, where
@@ -88,7 +88,7 @@ def groups(args: argparse.Namespace) -> list[RobotGroup]:
     arm = args.arm or (common.model_file(args.model).arm if args.model else "") or None
     choice = common.bag_choice(args)
     for k, path in enumerate(paths):
-        progress.at("which robots", k / len(paths))
+        work.at("which robots", k / len(paths))
         try:
             robot = robot_of(path, arm, choice)
         except (HilError, OSError) as error:

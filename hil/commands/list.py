@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hil import progress, terminal
+from hil import terminal, work
 from hil.commands import common
 from hil.errors import HilError, plural
 from hil.record.bags import BagChoice, is_bag
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_table_words(paths, choice.table)
     rows = []
     for k, path in enumerate(paths):
-        progress.at(path.name, k / len(paths))
+        work.at(path.name, k / len(paths))
         row = _row(path, choice)
         if set(args.tag) <= set(row.tags):
             rows.append(row)

@@ -79,6 +79,7 @@ from hil.identify.result import FitResult
 from hil.identify.slow_motion import real_delay
 from hil.models.effect import Trait
 from hil.models.motion import Motion
+from hil.record.consistency import Note, notes_of
 
 FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
@@ -273,8 +274,7 @@ def blurred_above(warnings: Sequence[tuple[str, str]], ratio: Mapping[str, float
     ratio : mapping of str to float
         Error over the noise floor, by joint.
     """
-    told = [text.split(":")[0] for code, text in warnings if code == BLURRED]
-    return any(ratio.get(joint, 0.0) > ADEQUATE for joint in told)
+    return any(ratio.get(n.joint, 0.0) > ADEQUATE for n in notes_of(warnings, BLURRED))
 
 
 def at_reversals(step: Step, evidence: Evidence, floor: FloatArray) -> bool:
@@ -298,12 +298,13 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     """Warnings (code, sentence) for joints where that is a good part of the error."""
     share = blurred_parts(evidence, result) / np.maximum(result.rms**2, 1e-300)
     return [
-        (
+        Note(
             BLURRED,
             f"{joint}: {100 * share[j]:.0f} % of the squared error comes from the filter at "
             "reversals, not from a missing effect: dry friction changes there faster than the "
             "position filter can follow. A wider filter lowers it (position_hz above "
             f"{result.problem.rates.position:.3g} under [signal] in the model file)",
+            joint,
         )
         for j, joint in enumerate(result.problem.joints)
         if share[j] > FLOOR_SHARE

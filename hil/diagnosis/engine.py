@@ -20,11 +20,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import progress
+from hil import work
 from hil.diagnosis import rules
 from hil.diagnosis.artefacts import converter
 from hil.diagnosis.attribution import Named
-from hil.diagnosis.candidates import in_words, shares
+from hil.diagnosis.candidates import shares
 from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import (
     ADEQUATE,
@@ -34,8 +34,6 @@ from hil.diagnosis.constants import (
     NEAR_FLOOR,
     RIVAL,
     SURE,
-    TENTH,
-    WHOLE,
     WORTH,
 )
 from hil.diagnosis.floor import alarming, practical
@@ -66,21 +64,23 @@ from hil.diagnosis.types import (
     to_try,
 )
 from hil.diagnosis.verdict import (
+    AS_WELL,
     NO_GEOMETRY,
     REFUSED,
+    finding,
     finish,
     matters,
     notes,
     noticed,
     of_noise,
     rival_name,
+    rung_with,
     with_errors,
 )
 from hil.identify import multistep
 from hil.identify.context import renew
 from hil.identify.design import by_run
 from hil.identify.fit import fit
-from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, late_beside
@@ -90,12 +90,11 @@ from hil.models.model import BASE_EFFECTS, RobotModel, as_model
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
-from hil.record.consistency import DataFault
+from hil.record.consistency import DataFault, Note, notes_of
 from hil.record.recording import Recording
+from hil.work import single_threaded
 
 FloatArray = NDArray[np.float64]
-#: What a name's free functions say: share that it takes, and their variables.
-Shares = dict[tuple[str, int], tuple[float, str]]
 
 
 @single_threaded
@@ -136,11 +135,11 @@ def diagnose(
     faults = [f for r in recordings for f in check(r)]
     errors = [f for f in faults if f.severity == "error"] or without_effort(recordings)
     if errors:
-        return Diagnosis("bad-data", warnings=[(f.code, f.sentence) for f in errors])
+        return Diagnosis("bad-data", warnings=[f.note for f in errors])
     out = _diagnosed(recordings, model, held, seed, faults)
     lightest = _lightest(out)
     if lightest:
-        progress.at("another run is the lightest: seek again", 0.1)
+        work.at("another run is the lightest: seek again", 0.1)
         others = [r for k, r in enumerate(recordings) if k != lightest]
         # once: where two runs carry as much, either may seem the lighter one
         return _diagnosed([recordings[lightest], *others], model, held, seed, faults)
@@ -160,7 +159,7 @@ def _diagnosed(
     `cuts`: how often moments have been left out of them.
     """
     # the shares are about those of the time, by the middle of each piece of work
-    progress.at("fit the given model", 0.0)
+    work.at("fit the given model", 0.0)
     problem = of_model(recordings, model)
     result = fit_aligned(problem, model)
     folds = split(problem, seed, not any(t.per_run for t in result.terms))
@@ -178,13 +177,13 @@ def _diagnosed(
     search.geometry()
     search.forward()
     if search.found and late_beside(search.now.result):
-        progress.at("efforts are late: seek again", 0.1)
+        work.at("efforts are late: seek again", 0.1)
         examine = Examiner(problem, held)
         search = _begun(fit_aligned(problem, model), folds, examine, seed)
         search.geometry()
         search.forward()
     if steps := converter(search.now.result, _open(search)):
-        progress.at("efforts are rounded: seek again", 0.1)
+        work.at("efforts are rounded: seek again", 0.1)
         # once: the model says its steps then
         stated = replace(model, band=replace(model.band, effort_step=steps))
         return _diagnosed(recordings, stated, held, seed, faults, cuts)
@@ -195,7 +194,7 @@ def _diagnosed(
     out = floored(_concluded(search, named, model, recordings, faults, doubtful))
 
     def again(some: list[Touch], cuts: int) -> Diagnosis:
-        progress.at("something pushed for a moment: seek again without these times", 0.1)
+        work.at("something pushed for a moment: seek again without these times", 0.1)
         return _diagnosed(_without(recordings, some), model, held, seed, faults, cuts)
 
     return out if cuts >= CUTS else _aside(out, recordings, again, cuts)
@@ -266,7 +265,7 @@ def _without(recordings: list[Recording], told: list[Touch]) -> list[Recording]:
 
 def _named(search: Search) -> list[Named]:
     """What was found with its rivals, after other forms of it have been tried."""
-    progress.at("compare with rivals", 0.62)
+    work.at("compare with rivals", 0.62)
     search.complete()
     if search.untimed():
         search.forward()
@@ -313,7 +312,7 @@ def _concluded(
     """
     search.blunted()
     renew(search.now.result)
-    progress.at("judge the names", 0.8)
+    work.at("judge the names", 0.8)
     out = judged(search, named, _last(search))
     if named and not out.findings and all(f.of_no_size for f in out.partial):
         search.given()
@@ -336,7 +335,7 @@ def _unnamed(out: Diagnosis, search: Search) -> Diagnosis:
     """The diagnosis of the given model alone: names beside masses that are none mean nothing."""
     out.verdict, out.findings, out.partial = "unexplained", [], []
     out.ladder, out.corrections = out.ladder[:1], []
-    out.warnings = [(code, w) for code, w in out.warnings if code != REFUSED]
+    out.warnings = [n for n in out.warnings if n[0] != REFUSED]
     renew(out.ladder[0].result)
     return out
 
@@ -351,14 +350,10 @@ def _begun(result: FitResult, folds: Split, examine: Examiner, seed: int) -> Sea
     return search
 
 
-#: Why a name is not sure that has rivals.
-AS_WELL = "other effects explain the same error about as well"
 #: Why an effect that is not sure has none where it is little.
 UNSURE = "it is less than {:g} % of the effort, and others may explain it as well"
 HARDLY = "the left-out data hardly show it"
 UNMOVED = "it is less than {:g} % of the effort, and the simulated motion is worse with it"
-#: Why an effect has none that held-out runs hardly show.
-LESS = "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
 
 
 def floored(out: Diagnosis) -> Diagnosis:
@@ -386,7 +381,7 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
     open_joints = ~problem.holds & over & matters(step.result)
     if out.verdict == "adequate" or not np.any(open_joints):
         return out
-    progress.at("seek corrections for the rest", 0.9)
+    work.at("seek corrections for the rest", 0.9)
     joints = (None, *problem.joints)
     search.standing = [
         (f.effect, max(joints.index(f.joint) - 1, 0)) for f in out.findings if f.confidence >= HALF
@@ -399,12 +394,8 @@ def corrected(out: Diagnosis, search: Search) -> Diagnosis:
         with_errors(out)
         out.corrections = with_laws(out.corrections, search)
         said = {c.joint for c in out.corrections if c.alike}
-        out.warnings = still_differ(out)
-        out.warnings = [
-            (code, w)
-            for code, w in out.warnings
-            if not (code == REFUSED and w.split(":")[0] in said)
-        ]
+        served = [n for n in notes_of(out.warnings, REFUSED) if n.joint in said]
+        out.warnings = [n for n in still_differ(out) if n not in served]
     renew(search.now.result)
     return out
 
@@ -543,7 +534,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     out.heldout_floor = other
     for a, b in stands:
         out.corrections += corrections_of(b, a.step.heldout, search.problem)
-    out.warnings += noticed(last, end) + overtones(search) + nearest_refused(search, out, last)
+    out.warnings += [*noticed(last, end), *overtones(search), *nearest_refused(search, out, last)]
     least = alarming(search.problem) * search.problem.rms(search.problem.effort)
     power = dict(
         zip(search.problem.joints, (end.rms / np.maximum(least, 1e-300)) ** 2, strict=True)
@@ -596,7 +587,7 @@ def _moves(f: Finding, c: Candidate, search: Search) -> tuple[bool, bool]:
     joints, result = search.problem.joints, search.now.result
     if f.felt not in joints or result.model.explains != "motor":
         return False, False
-    k, j = _rung_with(search, c), joints.index(f.felt)
+    k, j = rung_with(search, c), joints.index(f.felt)
     steps = [search.rungs[i].step.result for i in (max(k - 1, 0), k)]
     before, after = multistep.each(steps, search.problem)
     return before.rises(after, j, 1 / (1 - BEATEN)), after.rises(before, j, ADEQUATE)
@@ -610,12 +601,6 @@ def _of_one_cause(n: Named) -> bool:
         for r in n.rivals
     ]
     return bool(causes) and all(c & set(own.effect.relations.causes) for c in causes)
-
-
-def _rung_with(search: Search, c: Candidate) -> int:
-    """Number of the rung that an effect of the last model came with."""
-    key = search.stands_for.get(c.term.key, c.term.key)
-    return next((k for k, r in enumerate(search.rungs) if key in r.keys), len(search.rungs) - 1)
 
 
 def unnamed(
@@ -652,7 +637,7 @@ def overtones(search: Search) -> list[tuple[str, str]]:
 ARTEFACTS = ("detected", "late", "line", "position-noise", "blurred-sign", "overtone")
 
 
-def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tuple[str, str]]:
+def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[Note]:
     """Notes (code, sentence) on joints above their floor: which law would do most, and why not.
 
     One that would take half of the squared error that is left, surely.
@@ -686,7 +671,7 @@ def nearest_refused(search: Search, out: Diagnosis, last: Evidence) -> list[tupl
                 f"{now:.3g} % of the effort, but is not named: {stop.reason}. "
                 + _what_then(stop, name, problem.joints[j], bool(search.found))
             )
-            found.append((REFUSED, text))
+            found.append(Note(REFUSED, text, problem.joints[j]))
     return found
 
 
@@ -720,151 +705,3 @@ def above(
         over &= ~of_noise(step, last, there, there=True)
         out |= over & ~within_errors(search.examine.alone, step, there, over)
     return np.asarray(out & ~problem.holds)
-
-
-def finding(
-    n: Named, search: Search, floor: FloatArray, other: FloatArray | None, taken: Shares
-) -> Finding:
-    """One effect of the last model, with what it explains and how sure its name is."""
-    problem, c, rungs = search.problem, n.candidate, search.rungs
-    k = _rung_with(search, c)
-    before, after = rungs[max(k - 1, 0)].step, rungs[k].step
-    j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
-    explain, own = _explain(search, c, (floor, other), taken), n.confidence
-    hardly = _hardly_there(search, c, (rungs[max(k - 1, 0)], rungs[k]), j, other)
-    explain.append((float(not hardly), LESS))
-    share = min(value for value, _ in explain)
-    worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
-    least_sure = [*explain, (own, AS_WELL)]
-    head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
-    one = [
-        float((s.result if other is None else s.heldout).rms[j] ** 2)
-        for s in (before, after, search.base.step)
-    ]
-    least = float((floor if other is None else other)[j]) ** 2
-    explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
-    rivals = _weighed(n, problem)
-    return Finding(
-        c.name,
-        joint_of(c, problem),
-        round(n.confidence * worth, 3),
-        float(before.heldout.relative[j]),
-        float(after.heldout.relative[j]),
-        float(after.heldout.standard_error()[j]),
-        float(np.clip(explained, 0.0, 1.0)),
-        {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
-        list(rivals),
-        min(least_sure)[1],
-        problem.joints[j] if c.term.effect.scope.whole or j != c.term.joint else "",
-        [round(w, 3) for w in rivals.values()] if all(rivals.values()) else [],
-    )
-
-
-def _weighed(n: Named, problem: Problem) -> dict[str, float]:
-    """Names of an effect's rivals, and the weight that speaks most for each; 0 where unknown."""
-    out: dict[str, float] = {}
-    for k, r in enumerate(n.rivals):
-        name = rival_name(r, n.candidate, problem)
-        out[name] = max(out.get(name, 0.0), *(n.odds[k] if k < len(n.odds) else (0.0,)))
-    return out
-
-
-def _hardly_there(
-    search: Search, c: Candidate, steps: tuple[Visited, Visited], j: int, floor: FloatArray | None
-) -> bool:
-    """Whether held-out runs surely show less of an effect than the laws before it may miss.
-
-    The rule that the fitted runs have passed ("discrepancy"), on runs that no value has seen.  Of
-    what took another law's place that law's doing is its own.
-    """
-    before, after = steps
-    first, then, last = search.base, before.step.heldout, search.now.step.heldout
-    dated = c.term.effect.variation.dated(c.term.shape)
-    old, new = ({t.key for t in r.step.result.terms} for r in steps)
-    if floor is None or dated or old - new or before is first or last.rms[j] <= ADEQUATE * floor[j]:
-        return False
-    taken = max(float(first.errors.power[j] - before.errors.power[j]), 1e-300)
-    part = rules.inaccuracy(search, c, j, float(before.errors.power[j])) / taken
-    share, error = after.step.heldout.share(then, 0.0, j)
-    return float((share + SURE * error) * then.rms[j] ** 2) < part * float(
-        first.step.heldout.rms[j] ** 2 - then.rms[j] ** 2
-    )
-
-
-def _felt_on(search: Search, c: Candidate, before: Step, after: Step) -> int:
-    """The joint whose error tells of an effect: its own, unless that stays and another's falls.
-
-    The masses take the gain of a motor, and what they cannot take is left on the joints that share
-    them.
-    """
-    old, new = (np.maximum(s.heldout.rms, 1e-300) for s in (before, after))
-    fall = np.where(search.problem.holds, 0.0, 1.0 - (new / old) ** 2)
-    elsewhere = fall[c.joint] < TENTH and np.max(fall) > HALF
-    return int(np.argmax(fall)) if elsewhere else c.joint
-
-
-def _explain(
-    search: Search, c: Candidate, floors: tuple[FloatArray, FloatArray | None], taken: Shares
-) -> list[tuple[float, str]]:
-    """What a name explains, by several measures, and what to say where one of them is the least."""
-    own, what = taken.get(c.term.key, (1.0, ""))
-    everywhere, held = here(search, c.joint, *floors), there(search, c, floors[1])
-    above, lost = "of the squared error above the noise floor", _left_share(search, c.joint)
-    return [
-        (
-            float(lost < 1.0),
-            f"with the named effects the left-out error is still {100 * lost:.0f} % of the effort: "
-            "no model at all would predict as well",
-        ),
-        (
-            own,
-            f"{in_words(what)} explains much of the same error better"
-            if what
-            else "left-out data show little of what it explains",
-        ),
-        (everywhere, f"the named effects explain {100 * max(everywhere, 0.0):.0f} % {above}"),
-        (
-            held,
-            f"on the held-out runs the named effects explain {100 * max(held, 0.0):.0f} % {above}",
-        ),
-    ]
-
-
-def _left_share(search: Search, j: int) -> float:
-    """Left-out error of joint j in its effort's size, or the largest of all that share masses."""
-    now, moves = search.now.step, ~search.problem.holds
-    body = any(Trait.BODY in t.effect.traits for t in now.result.terms)
-    share = now.heldout.relative / 100
-    return float(np.max(share[moves]) if body else share[j])
-
-
-def here(search: Search, j: int, floor: FloatArray, other: FloatArray | None = None) -> float:
-    """Share of joint j's excess over its floor that all its names take.
-
-    Fitted and held-out runs together, where there are such: values that are fitted beside an effect
-    hide it on the fitted ones.
-    """
-    first, last = [search.base.result.rms[j]], [search.now.result.rms[j]]
-    least = [min(float(floor[j]), float(last[0]))]
-    if other is not None:
-        first.append(search.base.step.heldout.rms[j])
-        last.append(search.now.step.heldout.rms[j])
-        least.append(min(float(other[j]), float(last[1])))
-    before, after, noise = (float(np.sum(np.square(x))) for x in (first, last, least))
-    return (before - after) / max(before - noise, 1e-300)
-
-
-def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
-    """The same on the held-out runs, at most.
-
-    1 without such runs, and of what acts at instants of the fitted runs alone.
-    """
-    last, j = search.now.step.heldout, c.joint
-    if (
-        floor is None
-        or last.rms[j] <= ADEQUATE * floor[j]
-        or c.term.effect.variation.dated(c.term.shape)
-    ):
-        return 1.0
-    share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
-    return float(share + SURE * se)

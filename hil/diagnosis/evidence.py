@@ -16,7 +16,6 @@ from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
 from hil.identify import screening
 from hil.identify.design import Key, Term, block, replaced
 from hil.identify.fit import time_blocks
-from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import RANK_ROUNDING
@@ -26,6 +25,7 @@ from hil.identify.shape_search import COARSE, best_shape
 from hil.identify.slow_motion import real_delay
 from hil.models import catalogue
 from hil.models.effect import Effect, Lines, Trait
+from hil.work import in_parallel
 
 FloatArray = NDArray[np.float64]
 #: What is sought: effects with a name; free functions for what none explains; a robot's geometry.

@@ -37,12 +37,12 @@ from hil.diagnosis.grams import Split, split
 from hil.diagnosis.types import Explainable, Floor
 from hil.identify import bands
 from hil.identify.context import drives
-from hil.identify.parallel import in_parallel
 from hil.identify.problem import Problem
 from hil.identify.regression import basis, inflation, period, time_blocks
 from hil.identify.result import FitResult
 from hil.models.expansions import PLACE, SPEED, dictionary, input_sets
 from hil.models.motion import Motion
+from hil.work import in_parallel
 
 FloatArray = NDArray[np.float64]
 #: Name of the way in which a floor is measured where the motion repeats itself.

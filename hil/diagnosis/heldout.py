@@ -67,6 +67,7 @@ from hil.identify.timing import fit_aligned
 from hil.models.effect import Trait
 from hil.models.model import Band
 from hil.record.checks import check
+from hil.record.consistency import Note, notes_of
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
@@ -486,6 +487,8 @@ def _covariance(f: FitResult) -> FloatArray:
 
 
 DIFFER, SAID = "sessions-differ", "the sessions differ"
+#: Kind of a difference between states of the rig, and of no other.
+STATE = "state"
 BOTH = "Fit the held-out session, too, and hold out another one"
 ADVICE = (
     f"{BOTH}, set values that change from day to day under [offsets] in the map file, or record "
@@ -517,7 +520,7 @@ class _Pair:
         return ", ".join(r.name for r in self.alone.problem.recordings)
 
 
-def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
+def differences(out: Diagnosis, examine: Examiner) -> list[Note]:
     """Warnings (code, sentence), the last with what to do; none without held-out sessions.
 
     Nothing is told of joints whose held-out error has no practical size.
@@ -546,16 +549,20 @@ def differences(out: Diagnosis, examine: Examiner) -> list[tuple[str, str]]:
         for j in moves
         if above[j] and j not in told
     ]
-    texts = [text for _, text in sorted(found) if text]
-    if not mixed:  # else that the fitted sessions differ says what to do first
-        texts = _advised(texts)
-    return [(DIFFER, text) for text in texts]
+    notes = [
+        Note(DIFFER, text, pair.joints[j], text, STATE if SAID in text else "")
+        for j, text in sorted(found)
+        if text
+    ]
+    # else that the fitted sessions differ says what to do first
+    return notes if mixed else _advised(notes)
 
 
-def _advised(texts: list[str]) -> list[str]:
-    """The same, the last with what to do."""
-    what = ADVICE if any(SAID in t for t in texts) else BOTH
-    return [*texts[:-1], *(f"{t}. {what}" for t in texts[-1:])]
+def _advised(notes: list[Note]) -> list[Note]:
+    """The same, the last with what to do (and no other: each has its finding as `size`)."""
+    what = ADVICE if any(n.kind == STATE for n in notes) else BOTH
+    found = [n.saying(n.size) for n in notes]
+    return [*found[:-1], *(n.saying(f"{n.size}. {what}") for n in found[-1:])]
 
 
 def still_differ(out: Diagnosis) -> list[tuple[str, str]]:
@@ -565,14 +572,14 @@ def still_differ(out: Diagnosis) -> list[tuple[str, str]]:
     the corrected one is down to the floor of the held-out runs its parameters are theirs, too.
     """
     joints, down = out.result.problem.joints, out.ladder[-1].heldout.rms <= ADEQUATE * out.noise
-    served = [f"{joints[j]}: " for j in np.flatnonzero(down)]
-    said = [text for code, text in out.warnings if code == DIFFER]
-    kept = [text for text in said if not text.startswith(tuple(served))]
-    if kept and kept[-1] != said[-1] and said[-1].endswith((ADVICE, BOTH)):
+    served = [joints[j] for j in np.flatnonzero(down)]
+    said = notes_of(out.warnings, DIFFER)
+    kept = [n for n in said if n.joint not in served]
+    if kept and kept[-1] != said[-1] and said[-1][1] != said[-1].size:
         kept = _advised(kept)
     first = next((k for k, (code, _) in enumerate(out.warnings) if code == DIFFER), 0)
     others = [w for w in out.warnings if w[0] != DIFFER]
-    return [*others[:first], *((DIFFER, text) for text in kept), *others[first:]]
+    return [*others[:first], *kept, *others[first:]]
 
 
 def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import progress
+from hil import work
 from hil.diagnosis import artefacts, rules
 from hil.diagnosis.attribution import (
     Named,
@@ -84,7 +84,7 @@ def exchange(search: Search) -> list[Named]:
         for k, c in enumerate(list(search.found)):
             if c.term.key in named:
                 continue
-            progress.at(f"rivals of {c.name}", 0.62 + 0.16 * k / len(search.found))
+            work.at(f"rivals of {c.name}", 0.62 + 0.16 * k / len(search.found))
             now = search.now
             rated, projector = _beside(search, c)
             rated = _settled(search, c, rated)

@@ -52,6 +52,7 @@ from hil.identify.problem import Problem
 from hil.identify.projector import Projector
 from hil.identify.regression import inflation
 from hil.identify.result import FitResult
+from hil.record.consistency import Note
 
 FloatArray = NDArray[np.float64]
 CHANGED, BENT = "changed", "curved-in-temperature"
@@ -84,7 +85,8 @@ def changes_told(found: Sequence[Change]) -> list[tuple[str, str]]:
     texts = [c.text for c in found]
     what = [CUT_THERE] * any(c.at for c in found) + [FIT_APART] * any(not c.at for c in found)
     last = [f"{t}; {CAUSE} {'. '.join(what)}" for t in texts[-1:]]
-    return [(CHANGED, t) for t in [*texts[:-1], *last]]
+    said = zip([*texts[:-1], *last], found, strict=True)
+    return [Note(CHANGED, t, c.joint) for t, c in said]
 
 
 def changes(result: FitResult, projector: Projector | None = None) -> tuple[Change, ...]:
@@ -414,7 +416,7 @@ def _elsewhere(
 
 def unlike_notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
     """Code and sentence of each."""
-    return [(UNLIKE, u.text) for u in found]
+    return [Note(UNLIKE, u.text, u.joint) for u in found]
 
 
 def kurtosis(r: FloatArray) -> tuple[float, float]:

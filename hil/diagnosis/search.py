@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import progress
+from hil import work
 from hil.diagnosis import remodel, rules
 from hil.diagnosis.attribution import as_use, overlap
 from hil.diagnosis.candidates import (
@@ -122,7 +122,7 @@ class Search(Models):
         open_joints = self.moves if joints is None else list(joints)
         while open_joints:
             found = len(self.rungs) - self.start - 1
-            progress.at("seek effects", 0.5 - 0.35 * 0.6**found)
+            work.at("seek effects", 0.5 - 0.35 * 0.6**found)
             evidence, rated = self.evidence(open_joints)
             if self.first is None and self._wide_from_the_start(evidence, rated):
                 continue

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import progress
+from hil import work
 from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import BEYOND
 from hil.diagnosis.engine import diagnose
@@ -25,7 +25,6 @@ from hil.errors import ConfigError, DataError, listed_names
 from hil.identify.fit import outside
 from hil.identify.gauss_newton import complete
 from hil.identify.multistep import MultiStep, both, each
-from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem, of_model
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned, fit_as_stated
@@ -37,6 +36,7 @@ from hil.record.checks import check
 from hil.record.consistency import DataFault
 from hil.record.recording import Recording
 from hil.shown import Plotted, Shown
+from hil.work import single_threaded
 
 FloatArray = NDArray[np.float64]
 __all__ = ["add", "compare", "diagnose", "fit", "ladder"]
@@ -131,7 +131,7 @@ def fit(recordings: Runs, model: RobotModel) -> FitResult:
         If a run has a fault that makes every result worthless.
     """
     recordings, model = as_runs(recordings, "hil.fit"), as_model(model, "hil.fit")
-    progress.at("fit", 0.0)
+    work.at("fit", 0.0)
     result = complete(fit_as_stated(make_problem(recordings, model), model))
     beyond = [("outside-range", text) for text in outside(model.valid, result.problem)]
     notes = _undescribed(result.problem) + other_robot(model, recordings) + contradicted(result)
@@ -189,14 +189,14 @@ def compare(
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
     of_others = _of_other_runs(model, recordings) if as_is else []
     model = model.as_it_is([r.name for r in recordings]) if as_is else model
-    progress.at("fit", 0.0)
+    work.at("fit", 0.0)
     rows, judged = (before.result.problem, before.judged) if before else (None, None)
     problem = make_problem(recordings, model, rows)
     examine = Examiner(problem, held_out(holdout, "hil.compare"), judged)
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
     fitted(result, heldout)
-    progress.at("measure the noise floor", 0.15)
+    work.at("measure the noise floor", 0.15)
     evidence = gather(result)
     where = that_matter(result, evidence.floor)
     beyond = outside(model.valid, problem) + examine.outside(result)
@@ -205,7 +205,7 @@ def compare(
         *(DataFault("outside-range", "warning", "", x) for x in beyond),
     ]
     if simulate:
-        progress.at("simulate the model", 0.4)
+        work.at("simulate the model", 0.4)
     floor = examine.floor(result, evidence)
     alike = Diagnosis("compared", [], [Step("model", result, heldout)], evidence, evidence)
     alike.floor = evidence.floor.rms
@@ -294,7 +294,7 @@ def ladder(diagnosis: Diagnosis) -> list[Rung]:
         )
     steps = diagnosis.ladder
     if diagnosis.multi_steps is None:
-        progress.at("simulate the models", 0.7)
+        work.at("simulate the models", 0.7)
         results = [s.result for s in steps]
         diagnosis.multi_steps = each(results, results[0].problem) if results else []
     return [Rung(s, m) for s, m in zip(steps, diagnosis.multi_steps, strict=True)]

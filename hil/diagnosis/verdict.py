@@ -1,8 +1,8 @@
-"""What is said beside a verdict: excuses, notes, common causes, errors, what is left.
+"""What a name explains, and what is said beside a verdict: excuses, notes, errors, what is left.
 
-Nothing here changes a name or a confidence, nor a verdict but one: an error at its floor that a
-function of positions or speeds foretells on left-out data, or that keeps to two sides as no noise
-does, is not adequate.
+A name's confidence falls with what it explains.  Nothing else here changes a name, nor a verdict
+but one: an error at its floor that a function of positions or speeds foretells on left-out data, or
+that keeps to two sides as no noise does, is not adequate.
 """
 
 from __future__ import annotations
@@ -14,16 +14,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis import artefacts
+from hil.diagnosis import artefacts, rules
 from hil.diagnosis.artefacts import returned, shaken, smoothed
-from hil.diagnosis.constants import BEATEN, HALF, NEAR_FLOOR, TENTH, WHOLE, WORTH
+from hil.diagnosis.attribution import Named
+from hil.diagnosis.candidates import in_words
+from hil.diagnosis.constants import ADEQUATE, BEATEN, HALF, NEAR_FLOOR, SURE, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
 from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, hidden, practical
 from hil.diagnosis.heldout import Examiner, differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
+from hil.diagnosis.remodel import Visited
 from hil.diagnosis.residual_tests import bends, changes_told, unlike, unlike_notes
+from hil.diagnosis.search import Search
 from hil.diagnosis.touches import pushed
-from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe
+from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe, joint_of
 from hil.identify.bands import HELD, effort_noise
 from hil.identify.context import renew
 from hil.identify.fit import outside
@@ -34,11 +38,177 @@ from hil.identify.timing import late_effort
 from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import RobotModel, Value
-from hil.record.consistency import DataFault
+from hil.record.consistency import DataFault, Note, notes_of
 from hil.record.jumps import described
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
+
+
+# ------------------------------------------------------------ what a name explains
+
+#: What a name's free functions say: share that it takes, and their variables.
+Shares = dict[tuple[str, int], tuple[float, str]]
+#: Why a name is not sure that has rivals.
+AS_WELL = "other effects explain the same error about as well"
+#: Why an effect has none that held-out runs hardly show.
+TOO_LITTLE = (
+    "on the held-out runs it is so small that it may be an inaccuracy of the laws named before"
+)
+
+
+def finding(
+    n: Named, search: Search, floor: FloatArray, other: FloatArray | None, taken: Shares
+) -> Finding:
+    """One effect of the last model, with what it explains and how sure its name is."""
+    problem, c, rungs = search.problem, n.candidate, search.rungs
+    k = rung_with(search, c)
+    before, after = rungs[max(k - 1, 0)].step, rungs[k].step
+    j = _felt_on(search, c, before, after) if len(rungs[k].added) == 1 else c.joint
+    explain, own = _explain(search, c, (floor, other), taken), n.confidence
+    hardly = _hardly_there(search, c, (rungs[max(k - 1, 0)], rungs[k]), j, other)
+    explain.append((float(not hardly), TOO_LITTLE))
+    share = min(value for value, _ in explain)
+    worth = float(np.clip((share - HALF) / max(WHOLE - HALF, 1e-300), 0.0, 1.0))
+    least_sure = [*explain, (own, AS_WELL)]
+    head = (f"j{c.term.joint + 1}.{c.name}.", f"{c.name}.")
+    one = [
+        float((s.result if other is None else s.heldout).rms[j] ** 2)
+        for s in (before, after, search.base.step)
+    ]
+    least = float((floor if other is None else other)[j]) ** 2
+    explained = (one[0] - one[1]) / max(one[2] - least, 1e-300)
+    rivals = _weighed(n, problem)
+    return Finding(
+        c.name,
+        joint_of(c, problem),
+        round(n.confidence * worth, 3),
+        float(before.heldout.relative[j]),
+        float(after.heldout.relative[j]),
+        float(after.heldout.standard_error()[j]),
+        float(np.clip(explained, 0.0, 1.0)),
+        {name: v for name, v in search.now.result.values.items() if name.startswith(head)},
+        list(rivals),
+        min(least_sure)[1],
+        problem.joints[j] if c.term.effect.scope.whole or j != c.term.joint else "",
+        [round(w, 3) for w in rivals.values()] if all(rivals.values()) else [],
+    )
+
+
+def rung_with(search: Search, c: Candidate) -> int:
+    """Number of the rung that an effect of the last model came with."""
+    key = search.stands_for.get(c.term.key, c.term.key)
+    return next((k for k, r in enumerate(search.rungs) if key in r.keys), len(search.rungs) - 1)
+
+
+def _weighed(n: Named, problem: Problem) -> dict[str, float]:
+    """Names of an effect's rivals, and the weight that speaks most for each; 0 where unknown."""
+    out: dict[str, float] = {}
+    for k, r in enumerate(n.rivals):
+        name = rival_name(r, n.candidate, problem)
+        out[name] = max(out.get(name, 0.0), *(n.odds[k] if k < len(n.odds) else (0.0,)))
+    return out
+
+
+def _hardly_there(
+    search: Search, c: Candidate, steps: tuple[Visited, Visited], j: int, floor: FloatArray | None
+) -> bool:
+    """Whether held-out runs surely show less of an effect than the laws before it may miss.
+
+    The rule that the fitted runs have passed ("discrepancy"), on runs that no value has seen.  Of
+    what took another law's place that law's doing is its own.
+    """
+    before, after = steps
+    first, then, last = search.base, before.step.heldout, search.now.step.heldout
+    dated = c.term.effect.variation.dated(c.term.shape)
+    old, new = ({t.key for t in r.step.result.terms} for r in steps)
+    if floor is None or dated or old - new or before is first or last.rms[j] <= ADEQUATE * floor[j]:
+        return False
+    taken = max(float(first.errors.power[j] - before.errors.power[j]), 1e-300)
+    part = rules.inaccuracy(search, c, j, float(before.errors.power[j])) / taken
+    share, error = after.step.heldout.share(then, 0.0, j)
+    return float((share + SURE * error) * then.rms[j] ** 2) < part * float(
+        first.step.heldout.rms[j] ** 2 - then.rms[j] ** 2
+    )
+
+
+def _felt_on(search: Search, c: Candidate, before: Step, after: Step) -> int:
+    """The joint whose error tells of an effect: its own, unless that stays and another's falls.
+
+    The masses take the gain of a motor, and what they cannot take is left on the joints that share
+    them.
+    """
+    old, new = (np.maximum(s.heldout.rms, 1e-300) for s in (before, after))
+    fall = np.where(search.problem.holds, 0.0, 1.0 - (new / old) ** 2)
+    elsewhere = fall[c.joint] < TENTH and np.max(fall) > HALF
+    return int(np.argmax(fall)) if elsewhere else c.joint
+
+
+def _explain(
+    search: Search, c: Candidate, floors: tuple[FloatArray, FloatArray | None], taken: Shares
+) -> list[tuple[float, str]]:
+    """What a name explains, by several measures, and what to say where one of them is the least."""
+    own, what = taken.get(c.term.key, (1.0, ""))
+    everywhere, held = here(search, c.joint, *floors), there(search, c, floors[1])
+    above, lost = "of the squared error above the noise floor", _left_share(search, c.joint)
+    return [
+        (
+            float(lost < 1.0),
+            f"with the named effects the left-out error is still {100 * lost:.0f} % of the effort: "
+            "no model at all would predict as well",
+        ),
+        (
+            own,
+            f"{in_words(what)} explains much of the same error better"
+            if what
+            else "left-out data show little of what it explains",
+        ),
+        (everywhere, f"the named effects explain {100 * max(everywhere, 0.0):.0f} % {above}"),
+        (
+            held,
+            f"on the held-out runs the named effects explain {100 * max(held, 0.0):.0f} % {above}",
+        ),
+    ]
+
+
+def _left_share(search: Search, j: int) -> float:
+    """Left-out error of joint j in its effort's size, or the largest of all that share masses."""
+    now, moves = search.now.step, ~search.problem.holds
+    body = any(Trait.BODY in t.effect.traits for t in now.result.terms)
+    share = now.heldout.relative / 100
+    return float(np.max(share[moves]) if body else share[j])
+
+
+def here(search: Search, j: int, floor: FloatArray, other: FloatArray | None = None) -> float:
+    """Share of joint j's excess over its floor that all its names take.
+
+    Fitted and held-out runs together, where there are such: values that are fitted beside an effect
+    hide it on the fitted ones.
+    """
+    first, last = [search.base.result.rms[j]], [search.now.result.rms[j]]
+    least = [min(float(floor[j]), float(last[0]))]
+    if other is not None:
+        first.append(search.base.step.heldout.rms[j])
+        last.append(search.now.step.heldout.rms[j])
+        least.append(min(float(other[j]), float(last[1])))
+    before, after, noise = (float(np.sum(np.square(x))) for x in (first, last, least))
+    return (before - after) / max(before - noise, 1e-300)
+
+
+def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
+    """The same on the held-out runs, at most.
+
+    1 without such runs, and of what acts at instants of the fitted runs alone.
+    """
+    last, j = search.now.step.heldout, c.joint
+    if (
+        floor is None
+        or last.rms[j] <= ADEQUATE * floor[j]
+        or c.term.effect.variation.dated(c.term.shape)
+    ):
+        return 1.0
+    share, se = last.share(search.base.step.heldout, ADEQUATE * float(floor[j]), j)
+    return float(share + SURE * se)
 
 
 # ------------------------------------------------------------ excuses
@@ -264,7 +434,7 @@ def finish(
     out.warnings += [("outside-range", text) for text in left]
     out.warnings += examine.own(result)
     out.warnings += differ
-    out.warnings += [(f.code, f.sentence) for f in faults]
+    out.warnings += [f.note for f in faults]
     out.warnings += lost_counts(out.findings, recordings, out.warnings)
     told = {s.joint for s in out.network}
     out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
@@ -294,6 +464,9 @@ def finish(
 
 #: Code of a note on noise floors that are a good part of the effort.
 HIGH_FLOOR = "high-floor"
+LARGE = "the noise floor itself is a large part of the effort"
+#: What such a floor is: mostly no white noise of the efforts; no noise of any sensor.
+NOT_WHITE, NO_SENSOR = "not-white", "no-sensor"
 #: Code of the note on the law that would do most of all that are not named.
 REFUSED = "nearest-refused"
 
@@ -322,8 +495,8 @@ def high_floors(out: Diagnosis) -> list[tuple[str, str]]:
         tried = "It is what differs between repetitions of the motion"
     elif all(best.get(problem.joints[j], 0.0) < WORTH for j in much.tolist()):
         tried += ", nor does a function of positions and speeds that was tried"
-    lead = f"the noise floor itself is a large part of the effort: {each}"
-    return [(HIGH_FLOOR, f"{lead}. {tried}. {_made_of(out, much)}")]
+    kind, made = _made_of(out, much)
+    return [Note(HIGH_FLOOR, f"{LARGE}: {each}. {tried}. {made}", size=each, kind=kind)]
 
 
 #: What a high floor may come of where nothing is ruled out.
@@ -331,14 +504,10 @@ _OF_ANYTHING = (
     "It may be a disturbance, a push, a poor sensor, a motion that hardly needs effort, or an "
     "effect that is in no catalogue"
 )
-#: Words of a floor that is mostly no white noise of the efforts.
-NOT_WHITE = "White noise of the efforts is at most"
-#: Words of one that no sensor makes.
-NO_SENSOR = "Is an effect missing"
 
 
-def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> str:
-    """What may make the floor of some joints, by how much of it white noise of the efforts makes.
+def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> tuple[str, str]:
+    """What makes the floor of some joints, by how much of it white noise does: kind, sentences.
 
     Less than half of its power in the band of the fit: something else does.  Less than a tenth of
     its size, hence a hundredth of its power: no sensor.  A force from outside that was measured has
@@ -346,33 +515,33 @@ def _made_of(out: Diagnosis, joints: NDArray[np.int_]) -> str:
     """
     problem = out.ladder[-1].result.problem
     if any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings):
-        return _OF_ANYTHING
+        return "", _OF_ANYTHING
     noise = [effort_noise(r, problem.rates.effort) for r in problem.recordings]
     part = float(np.max((np.sqrt(np.mean(np.square(noise), axis=0)) / out.noise)[joints]))
     if part**2 > HALF:
-        return _OF_ANYTHING
-    white = f"{NOT_WHITE} {100 * part:.2g} % of that floor"
+        return "", _OF_ANYTHING
+    white = f"White noise of the efforts is at most {100 * part:.2g} % of that floor"
     if part > TENTH:
         return (
+            NOT_WHITE,
             f"{white}. The rest may be a disturbance, a push, a poor sensor, or an effect that is "
-            "in no catalogue"
+            "in no catalogue",
         )
     return (
-        f"{white}. {NO_SENSOR} that is in no catalogue, or did a force act from outside that was "
-        "not measured (a hand, a wearer, a cable)?"
+        NO_SENSOR,
+        f"{white}. Is an effect missing that is in no catalogue, or did a force act from outside "
+        "that was not measured (a hand, a wearer, a cable)?",
     )
 
 
 def no_noise(warnings: Sequence[tuple[str, str]]) -> str:
     """How large what is left is where it is much of the effort and no noise of a sensor."""
-    texts = [text for code, text in warnings if code == HIGH_FLOOR and NO_SENSOR in text]
-    return texts[0].split(". ")[0].split(": ")[1] if texts else ""
+    return next((n.size for n in notes_of(warnings, HIGH_FLOOR) if n.kind == NO_SENSOR), "")
 
 
 def not_white(warnings: Sequence[tuple[str, str]]) -> str:
     """How large noise floors are that are mostly no noise of the efforts; empty where none is."""
-    texts = [text for code, text in warnings if code == HIGH_FLOOR and NOT_WHITE in text]
-    return texts[0].split(". ")[0] if texts else ""
+    return next((f"{LARGE}: {n.size}" for n in notes_of(warnings, HIGH_FLOOR) if n.kind), "")
 
 
 def _with_unlike(out: Diagnosis) -> None:

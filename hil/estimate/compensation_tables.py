@@ -24,10 +24,10 @@ from hil.estimate import compensation
 from hil.estimate.compensation import BEND, MEMORY, SLIP, TERM, VARIABLES
 from hil.models import catalogue
 from hil.models.effect import SOLID, Effect, Trait, terms_of
+from hil.models.friction import Presliding
 from hil.models.model import RobotModel, Value
 from hil.models.motion import Motion
 from hil.models.phantom import Premium
-from hil.models.presliding import Presliding
 from hil.models.robots import bare_robot
 
 FloatArray = NDArray[np.float64]

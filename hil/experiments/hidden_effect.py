@@ -34,7 +34,6 @@ from hil.estimate import compensation_tables
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
 from hil.experiments.pages import SeedMean, bars, made_with
-from hil.identify.parallel import alone
 from hil.interrupt import with_its_parent
 from hil.models.files import write_model
 from hil.models.model import RobotModel, base_model
@@ -47,6 +46,7 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.terminal import Found
 from hil.toml import parse
 from hil.userfile import write_text
+from hil.work import alone
 
 #: Hidden in both arms: five laws of friction, and the joint.
 EFFECTS = (

@@ -28,9 +28,9 @@ from tqdm import tqdm
 
 import hil
 from hil.errors import ConfigError, DataError, DeviceError, HilError
-from hil.identify.parallel import alone
 from hil.interrupt import held_back, with_its_parent
 from hil.revision import source_revision
+from hil.work import alone
 
 Data = dict[str, Any]
 Job = Callable[[str, int], Data]

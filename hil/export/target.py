@@ -36,7 +36,6 @@ from hil.export.content import (
 )
 from hil.identify.fit import fit
 from hil.identify.gauss_newton import complete
-from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
@@ -45,6 +44,7 @@ from hil.models.effect import Trait
 from hil.models.model import ALL, RobotModel, Use
 from hil.models.robots import IndependentAxes, Robot, bare_robot
 from hil.record.recording import Recording
+from hil.work import single_threaded
 
 FloatArray = NDArray[np.float64]
 

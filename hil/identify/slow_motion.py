@@ -20,8 +20,8 @@ from hil.identify.problem import Alignment, Problem
 from hil.identify.regression import basis
 from hil.identify.result import FitResult
 from hil.models.effect import Doc, Effect, Param, Trait
+from hil.models.kernels import SLIPS, slip_state
 from hil.models.motion import Motion
-from hil.models.presliding import SLIPS, slip_state
 
 FloatArray = NDArray[np.float64]
 #: The slow motion: below this fraction of the effort filter's cut-off.

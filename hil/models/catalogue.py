@@ -23,7 +23,6 @@ from hil.userfile import LARGEST_TEXT, read_bytes
 MODULES = (
     "hil.models.friction",
     "hil.models.load_friction",
-    "hil.models.presliding",
     "hil.models.mass",
     "hil.models.payload",
     "hil.models.actuator",

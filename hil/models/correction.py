@@ -29,9 +29,8 @@ from hil.models.effect import (
     typical_speed,
 )
 from hil.models.friction import AMPLITUDES, HARMONICS, harmonics
-from hil.models.kernels import lag
+from hil.models.kernels import SLIPS, lag, slip_state
 from hil.models.motion import FloatArray, Motion
-from hil.models.presliding import SLIPS, slip_state
 
 #: Beyond the range by this factor a function of the position stays where it ends.
 RANGE_FACTOR = 1.05

@@ -9,6 +9,8 @@ from hil.models.motion import FloatArray
 
 #: Least part of its stiffness that a weight which tips over leaves of a spring.
 LEAST_PART = 0.1
+#: Displacements at which elements of a hysteresis slip, as shares of the range.
+SLIPS = (0.001, 0.003, 0.01, 0.03)
 #: Weights of the differences over 1 to 4 samples on either side, by how many there are (Fornberg,
 #: Mathematics of Computation 51, 1988, table 1).  Of a wave of w rad a sample four of them miss
 #: w^8 / 630 of its slope, a single one w^2 / 6: at the fifth of the rate up to which efforts are
@@ -257,3 +259,82 @@ def eccentric(
                 one += damping * (k * c * v)
                 two += damping * (-k * s * v)
             out[i, r, 0], out[i, r, 1] = -one, -two
+
+
+@numba.njit(cache=True, nogil=True)
+def dahl_state(q: FloatArray, scale: float) -> FloatArray:
+    """Dahl's state for a measured position, exact between samples.
+
+    dz/dq = (1 - z sgn v) / s   =>   z <- sgn + (z - sgn) exp(-|dq| / s)
+
+    Parameters
+    ----------
+    q : ndarray (n,)
+        Position [rad or m].
+    scale : float
+        Presliding displacement s [rad or m].
+
+    Returns
+    -------
+    ndarray (n,)
+        State in [-1, 1]; friction is fc z.
+    """
+    z = np.zeros(q.size)
+    for k in range(1, q.size):
+        step = q[k] - q[k - 1]
+        goal = 1.0 if step > 0 else -1.0
+        z[k] = goal + (z[k - 1] - goal) * np.exp(-abs(step) / scale)
+    return z
+
+
+@numba.njit(cache=True, nogil=True)
+def slip_state(q: FloatArray, scale: float) -> FloatArray:
+    """State of a Maxwell-slip element: a spring that slips at the displacement `scale`.
+
+    z <- clip(z + dq / s, -1, 1)
+
+    Parameters
+    ----------
+    q : ndarray (n,)
+        Position [rad or m].
+    scale : float
+        Displacement s at which it slips [rad or m].
+
+    Returns
+    -------
+    ndarray (n,)
+        State in [-1, 1]; friction is fc z.
+    """
+    z = np.zeros(q.size)
+    for k in range(1, q.size):
+        z[k] = min(max(z[k - 1] + (q[k] - q[k - 1]) / scale, -1.0), 1.0)
+    return z
+
+
+@numba.njit(cache=True, nogil=True)
+def lugre_state(q: FloatArray, level: FloatArray, scale: float) -> FloatArray:
+    """LuGre's bristles for a measured position, exact for a level that is constant over a step.
+
+    dz/dt = v / s - |v| / s z / g(v)   =>   z <- g sgn + (z - g sgn) exp(-|dq| / (s g))
+
+    Parameters
+    ----------
+    q : ndarray (n,)
+        Position [rad or m].
+    level : ndarray (n,)
+        g(v) > 0, in units of the Coulomb friction.
+    scale : float
+        Displacement s = Fc / sigma_0 [rad or m].
+
+    Returns
+    -------
+    ndarray (n,)
+        Deflection in units of s, within -g..g; friction is Fc z.
+    """
+    z = np.zeros(q.size)
+    for k in range(1, q.size):
+        step = q[k] - q[k - 1]
+        g = 0.5 * (level[k] + level[k - 1])
+        goal = g if step > 0 else -g
+        z[k] = goal + (z[k - 1] - goal) * np.exp(-abs(step) / (scale * g))
+    return z

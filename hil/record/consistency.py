@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -341,6 +341,51 @@ class DataFault:
     def sentence(self) -> str:
         """What was found, with the joint in front where there is one."""
         return f"{self.joint}: {self.text}" if self.joint else self.text
+
+    @property
+    def note(self) -> Note:
+        """The same beside a verdict."""
+        return Note(self.code, self.sentence, self.joint)
+
+
+class Note(tuple[str, str]):
+    """What a user should know, a pair of code and sentence; what it is of need not be parsed.
+
+    Parameters
+    ----------
+    code : str
+        Stable name.
+    text : str
+        The sentence, without its full stop.
+    joint : str
+        Joint that it is of; ``""`` where it is of several or of none.
+    size : str
+        How much it is, in words, where others say it too.
+    kind : str
+        Which of several causes it tells of.
+    """
+
+    joint: str
+    size: str
+    kind: str
+
+    def __new__(cls, code: str, text: str, joint: str = "", size: str = "", kind: str = "") -> Note:
+        """A pair with attributes."""
+        out = super().__new__(cls, (code, text))
+        out.joint, out.size, out.kind = joint, size, kind
+        return out
+
+    def __getnewargs__(self) -> tuple[str, str, str, str, str]:  # copied and sent to processes
+        return (*self, self.joint, self.size, self.kind)
+
+    def saying(self, text: str) -> Note:
+        """The same in other words."""
+        return Note(self[0], text, self.joint, self.size, self.kind)
+
+
+def notes_of(notes: Iterable[tuple[str, str]], *codes: str) -> list[Note]:
+    """Those of some codes that say what they are of."""
+    return [n for n in notes if isinstance(n, Note) and n[0] in codes]
 
 
 #: Times the largest bend of an ordinary sample (99 % of all) from which one is a spike.

@@ -38,6 +38,7 @@ from hil.identify.multistep import MultiStep
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.model import Range, Value, in_words
+from hil.record.consistency import notes_of
 
 FloatArray = NDArray[np.float64]
 #: Verdict of a comparison, which judges nothing.
@@ -145,7 +146,7 @@ class Material:
         names = [f.joint for f in (*self.findings, *self.partial) if f.joint in self.joints]
         ratio = self.ratio(self.before)
         if not names and float(ratio.max()) <= ADEQUATE:
-            said = [text.split(":")[0] for code, text in self.warnings if code in (CHANGED, UNLIKE)]
+            said = [n.joint for n in notes_of(self.warnings, CHANGED, UNLIKE)]
             said += [s.joint for s in self.network]
             names = [joint for joint in said if joint in self.joints]
         named = list(dict.fromkeys(self.joints.index(n) for n in names if n is not None))
@@ -185,7 +186,7 @@ def from_diagnosis(d: Diagnosis, simulated: bool = True) -> Material:
 def from_comparison(c: Comparison) -> Material:
     """Material of a comparison: a ladder of one rung."""
     rung = _honest(Rung(Step("model", c.result, c.heldout), c.multi_step))
-    faults = [(f.code, f.sentence) for f in c.faults]
+    faults: list[tuple[str, str]] = [f.note for f in c.faults]
     return Material(
         COMPARED,
         [rung],

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, HALF, WORTH
 from hil.diagnosis.floor import NETWORK, TIME, known_to, told
-from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, SAID
+from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE
 from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import (
     BENT,
@@ -47,6 +47,7 @@ from hil.models import catalogue
 from hil.models.effect import Trait
 from hil.models.model import Value, in_words, without_error
 from hil.record.checks import OF_UNITS, SILENT
+from hil.record.consistency import notes_of
 from hil.report.data import COMPARED, Files, Material, number, with_files
 
 FloatArray = NDArray[np.float64]
@@ -281,7 +282,7 @@ WRONG_TOO = "If the recording is wrong here, the values below are wrong, too."
 
 def silent_joints(warnings: Sequence[tuple[str, str]]) -> list[str]:
     """Joints whose effort never changes: a verdict says nothing of them."""
-    return list(dict.fromkeys(said.partition(":")[0] for code, said in warnings if code == SILENT))
+    return list(dict.fromkeys(n.joint for n in notes_of(warnings, SILENT)))
 
 
 def changed(m: Material) -> list[str]:
@@ -292,7 +293,7 @@ def changed(m: Material) -> list[str]:
 def _unlike_alone(m: Material) -> str:
     """Joints on which something else than noise is left, where nothing else is wrong."""
     at_floor = float(m.ratio(m.after).max()) <= ADEQUATE
-    names = [text.split(":")[0] for code, text in m.warnings if code == UNLIKE]
+    names = [n.joint for n in notes_of(m.warnings, UNLIKE)]
     alone = bool(names) and at_floor and not m.network
     return listed(list(dict.fromkeys(names))) if alone else ""
 
@@ -702,7 +703,7 @@ def _steps(m: Material) -> list[str]:
     if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in changed(m)):
         return _of_changes(m)
     if m.verdict in ("adequate", "unexplained") and apart(m):
-        what = ADVICE if any(SAID in x for x in apart(m)) else BOTH
+        what = ADVICE if any(n.kind == STATE for n in notes_of(m.warnings, DIFFER)) else BOTH
         return [f"{what}.", AGAIN]
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
         return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]

@@ -12,13 +12,13 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from hil import progress
+from hil import work
 from hil.errors import ConfigError, HilError
-from hil.identify.parallel import single_threaded
 from hil.identify.result import FitResult
 from hil.models.model import RobotModel, as_model
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.studio.workbench import Inputs, Workbench
+from hil.work import single_threaded
 
 __all__ = ["LadderWidget", "widget"]
 
@@ -207,7 +207,7 @@ class LadderWidget:
         for button in self._buttons.values():
             button.disabled = True
         try:
-            with progress.listening(told):
+            with work.listening(told):
                 yield
         finally:
             self._bar.layout.visibility = "hidden"

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from hil import progress
+from hil import work
 from hil.errors import ConfigError, HilError, in_short, own_place
 from hil.interrupt import held_back, with_its_parent
 from hil.models.model import base_model
@@ -334,7 +334,7 @@ def _serve(pipe: Connection, kept: BenchState) -> None:
         kept.recommended,
     )
     session.early = lambda look: pipe.send(FirstLook(look))
-    with progress.listening(lambda what, share: pipe.send(Reached(what, share))):
+    with work.listening(lambda what, share: pipe.send(Reached(what, share))):
         while True:
             try:
                 verb, given = pipe.recv()

@@ -15,8 +15,8 @@ from hil.identify.problem import of_model
 from hil.identify.shape_search import expected_sign
 from hil.identify.timing import fit_aligned
 from hil.models import catalogue
+from hil.models.kernels import dahl_state
 from hil.models.model import RobotModel
-from hil.models.presliding import dahl_state
 
 
 def axis(law, seed, seconds=30.0, rate=250.0, slow=1.0, noise=2e-3, counts=0.0, jumps=None):

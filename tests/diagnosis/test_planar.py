@@ -8,16 +8,16 @@ import plants
 import pytest
 
 import hil
+from hil import work
 from hil.diagnosis.residual_tests import changes
 from hil.diagnosis.verbs import ladder
-from hil.identify import parallel
 
 
 @cache
 def diagnosed(elbow: float):
     """A run whose elbow has a gain, and its answer in one thread; several tests look at it."""
     run = plants.planar(1, gain=(1.0, elbow))
-    with parallel.alone():
+    with work.alone():
         return run, hil.diagnose([run], hil.base_model(run.robot))
 
 
@@ -95,8 +95,8 @@ def test_exchanged_efforts_are_bad_data():
 @pytest.mark.parametrize("elbow", [1.0, 1.2])
 def test_what_is_found_does_not_depend_on_the_threads(elbow, monkeypatch):
     run, one = diagnosed(elbow)
-    monkeypatch.setattr(parallel, "LONG", 0)
-    monkeypatch.setattr(parallel, "threads", lambda: 2)
+    monkeypatch.setattr(work, "LONG", 0)
+    monkeypatch.setattr(work, "threads", lambda: 2)
     two = hil.diagnose([run], hil.base_model(run.robot))
     assert one.verdict == two.verdict
     assert [(f.effect, f.joint) for f in one.findings] == [

@@ -7,7 +7,7 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis import attribution, engine
+from hil.diagnosis import attribution, verdict
 from hil.diagnosis.types import Candidate, HeldOut
 from hil.identify.design import Term
 from hil.models import catalogue
@@ -211,13 +211,13 @@ def test_a_second_law_shows_on_held_out_runs_by_more_than_the_first_may_miss(
     search = SimpleNamespace(base=rung(1.0), now=rung(last), problem=problem)
     candidate = Candidate(term, 1.0, 1.0)
     steps = (rung(0.5, "delay"), rung(after, "delay", effect))
-    assert engine._hardly_there(search, candidate, steps, 0, np.array([0.1])) is hardly
-    assert not engine._hardly_there(search, candidate, steps, 0, None)
+    assert verdict._hardly_there(search, candidate, steps, 0, np.array([0.1])) is hardly
+    assert not verdict._hardly_there(search, candidate, steps, 0, None)
     first = (search.base, rung(after, effect))
-    assert not engine._hardly_there(search, candidate, first, 0, np.array([0.1]))
+    assert not verdict._hardly_there(search, candidate, first, 0, np.array([0.1]))
     # what took the place of another law has done what that one did
     instead = (rung(0.5, "delay"), rung(after, effect))
-    assert not engine._hardly_there(search, candidate, instead, 0, np.array([0.1]))
+    assert not verdict._hardly_there(search, candidate, instead, 0, np.array([0.1]))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hil.bench.diagnosis import cases, runner
 from hil.commands.diagnose import short
 from hil.diagnosis import rules
 from hil.diagnosis.verbs import ladder
-from hil.models.presliding import dahl_state
+from hil.models.kernels import dahl_state
 from hil.report.data import Files, from_diagnosis
 from hil.report.text import details
 

@@ -11,8 +11,8 @@ from hil.identify.bands import derivatives, every, standing
 from hil.identify.problem import Problem
 from hil.identify.slow_motion import longest_shift, slow_delay
 from hil.identify.timing import fit_aligned
+from hil.models.friction import Presliding
 from hil.models.model import base_model
-from hil.models.presliding import Presliding
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))

@@ -22,9 +22,9 @@ from hil.sim_devices.joints import bench as joint_bench
 ROOT = Path(__file__).parents[2]
 #: Most modules; most modules that exactly one other imports; most of these that no table names: a
 #: module that a table loads by its name is found there, and one import more is no reason to merge.
-MODULES, ONE_IMPORTER, UNNAMED = 343, 25, 14
+MODULES, ONE_IMPORTER, UNNAMED = 340, 25, 14
 #: Most modules (packages apart) that one diagnosis of a session loads.
-OF_A_DIAGNOSIS = 92
+OF_A_DIAGNOSIS = 90
 _COUNT = """
 import sys
 from hil.cli import main

@@ -23,7 +23,7 @@ from mcap.reader import make_reader
 
 import hil
 from hil import cli
-from hil.models.presliding import dahl_state
+from hil.models.kernels import dahl_state
 
 FILE = Path(__file__).with_name("frozen.json")
 Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]

@@ -11,8 +11,8 @@ from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
+from hil.models.friction import LUGRE
 from hil.models.model import Value, base_model, in_words, remark, without_error
-from hil.models.presliding import LUGRE
 from hil.record.recording import RobotSource
 from hil.report.data import value_json
 from hil.report.text import value

@@ -11,13 +11,13 @@ from hil.cli import main
 from hil.diagnosis.evidence import gather
 from hil.errors import ConfigError
 from hil.identify.fit import fit
-from hil.identify.parallel import single_threaded
 from hil.identify.problem import Problem
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
 from hil.record.export import write_recordings
 from hil.record.recording import RobotSource
 from hil.testing import check_effect
+from hil.work import single_threaded
 
 PLUGIN = '''
 """A cable that tightens towards the middle of its travel."""

@@ -23,7 +23,7 @@ from hil.commands.diagnose import (
     verdict,
 )
 from hil.diagnosis.attribution import Named
-from hil.diagnosis.engine import _weighed, diagnose
+from hil.diagnosis.engine import diagnose
 from hil.diagnosis.equivalence import at_issue_of
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE
 from hil.diagnosis.types import (
@@ -36,7 +36,7 @@ from hil.diagnosis.types import (
     to_try,
 )
 from hil.diagnosis.verbs import compare, ladder
-from hil.diagnosis.verdict import NO_GEOMETRY, lateness
+from hil.diagnosis.verdict import NO_GEOMETRY, _weighed, lateness
 from hil.identify import bands
 from hil.identify.design import Term
 from hil.models import catalogue

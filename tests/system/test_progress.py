@@ -7,10 +7,11 @@ import time
 
 import plants
 
-from hil import progress, terminal
+from hil import terminal
 from hil.cli import main
 from hil.record.export import write_recordings
 from hil.terminal import settings, working
+from hil.work import at, listening
 
 
 class Terminal(io.StringIO):
@@ -31,7 +32,7 @@ def shown(monkeypatch, stream, work, **more):
 
 def stages():
     """Work that takes until it has been drawn."""
-    progress.at("seek effects", 0.25)
+    at("seek effects", 0.25)
     stop = time.monotonic() + 10
     while "25 %" not in stages.stream.getvalue() and time.monotonic() < stop:
         pass
@@ -47,7 +48,7 @@ def test_a_stage_its_share_and_the_time_left_are_shown(monkeypatch):
 
 def test_nothing_is_shown_in_a_pipe_when_quiet_or_where_a_command_is_short(monkeypatch):
     def work():
-        progress.at("seek effects", 0.25)
+        at("seek effects", 0.25)
 
     assert shown(monkeypatch, io.StringIO(), work) == ""
     assert shown(monkeypatch, Terminal(), work, shown=False) == ""
@@ -57,10 +58,10 @@ def test_nothing_is_shown_in_a_pipe_when_quiet_or_where_a_command_is_short(monke
 
 def test_work_pays_nothing_where_nobody_listens_and_listeners_leave():
     heard = []
-    progress.at("before", 0.0)
-    with progress.listening(lambda what, done: heard.append((what, done))):
-        progress.at("within", 0.5)
-    progress.at("after", 1.0)
+    at("before", 0.0)
+    with listening(lambda what, done: heard.append((what, done))):
+        at("within", 0.5)
+    at("after", 1.0)
     assert heard == [("within", 0.5)]
 
 
@@ -90,7 +91,7 @@ def test_that_kernels_are_compiled_is_said_while_it_lasts(monkeypatch):
         return x + 1.0
 
     def work():
-        progress.at("fit", 0.25)
+        at("fit", 0.25)
         stop = time.monotonic() + 30
         while "fit" not in stream.getvalue() and time.monotonic() < stop:
             time.sleep(0.001)

@@ -5,8 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from hil.identify import parallel as module
-from hil.identify.parallel import LONG, alone, in_parallel, threads
+from hil import work as module
+from hil.work import LONG, alone, in_parallel, threads
 
 
 @pytest.fixture(autouse=True)

@@ -1,13 +1,16 @@
-"""Work on several things at once: threads, while their large arrays need no interpreter.
+"""Long work: how far it has come, and how many threads it may use.
 
-Each thing is computed as it would be alone, so that results do not depend on how many there are.
-A diagnosis of some minutes takes a seventh to a quarter less with two; the many small steps of a
-short one wait for the interpreter, so that it has one.
+**Progress.** The work says how far it is, and whoever listens shows it: it knows neither a terminal
+nor a page, and pays nothing where nobody listens.
 
-One BLAS thread for the many small matrices of an identification.
+**Threads**, while their large arrays need no interpreter.  Each thing is computed as it would be
+alone, so that results do not depend on how many there are.  A diagnosis of some minutes takes a
+seventh to a quarter less with two; the many small steps of a short one wait for the interpreter, so
+that it has one.
 
-Several threads on matrices of a few thousand rows gain nothing on an idle machine and cost a
-factor of a hundred on a busy one, where they spin waiting for each other.
+**One BLAS thread** for the many small matrices of an identification: several on matrices of a few
+thousand rows gain nothing on an idle machine and cost a factor of a hundred on a busy one, where
+they spin waiting for each other.
 """
 
 from __future__ import annotations
@@ -17,13 +20,43 @@ import contextvars
 import functools
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
-
-from threadpoolctl import threadpool_limits
 
 T = TypeVar("T")
 R = TypeVar("R")
+P = ParamSpec("P")
+
+#: Told what is being done, and what share of all work lies behind it, from 0 to 1.
+Listener = Callable[[str, float], None]
+_listeners: list[Listener] = []
+
+
+def at(what: str, done: float) -> None:
+    """Say what begins now.
+
+    Parameters
+    ----------
+    what : str
+        The piece of work, in a few words.
+    done : float
+        Share of the whole work that lies behind, from 0 to 1.
+    """
+    for listener in _listeners:
+        listener(what, done)
+
+
+@contextlib.contextmanager
+def listening(listener: Listener) -> Iterator[None]:
+    """Give `listener` what is said, within."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.remove(listener)
+
+
+# ------------------------------------------------------------ threads
+
 #: More than two have not been measured; each needs memory for its columns.
 MAX_WORKERS = 2
 #: Instants of all runs (200 a second, mostly) from which on they gain.
@@ -67,6 +100,9 @@ def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> l
         return [work(x) for x in waiting]
     with alone():
         contexts = [contextvars.copy_context() for _ in waiting]
+    # loaded here: every command imports this module, and most work alone
+    from concurrent.futures import ThreadPoolExecutor
+
     pool = ThreadPoolExecutor(count, "in_parallel")
     try:
         done = list(pool.map(lambda context, x: context.run(work, x), contexts, waiting))
@@ -78,14 +114,13 @@ def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> l
     return done
 
 
-P = ParamSpec("P")
-
-
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
     """Run a function with one BLAS thread."""
 
     @functools.wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        from threadpoolctl import threadpool_limits  # as above
+
         with threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
