@@ -33,7 +33,7 @@ from hil.models.model import Range, RobotModel, Use, as_model, of_runs
 from hil.models.robots import undescribed
 from hil.record.arrays import Runs, as_runs, held_out
 from hil.record.checks import check
-from hil.record.consistency import DataFault
+from hil.record.consistency import DataFault, Note
 from hil.record.recording import Recording
 from hil.shown import Plotted, Shown
 from hil.work import single_threaded
@@ -220,14 +220,19 @@ def compare(
     notes += noticed(evidence, result)
     notes += examine.own(result)
     notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
-    faults += [DataFault(code, "warning", "", x) for code, x in notes]
+    faults += [_as_fault(n) for n in notes]
     steps = both(result, problem) if simulate else _unsimulated(problem.d)
     out = Comparison(
         result, heldout, evidence, where, steps, faults, floor, model.valid, examine.other
     )
     ratio = dict(zip(problem.joints, (heldout.rms / out.noise).tolist(), strict=True))
-    out.faults.extend(DataFault(code, "warning", "", x) for code, x in seeming(ratio, where))
+    out.faults.extend(_as_fault(n) for n in seeming(ratio, where))
     return out
+
+
+def _as_fault(note: tuple[str, str]) -> DataFault:
+    """A note among the faults of a comparison."""
+    return DataFault(note[0], "warning", "", note[1], note if isinstance(note, Note) else None)
 
 
 def _of_other_runs(model: RobotModel, recordings: Sequence[Recording]) -> list[tuple[str, str]]:

@@ -330,12 +330,15 @@ class DataFault:
         Joint concerned, or ``""``.
     text : str
         What was found, and what to do.
+    said : Note or None
+        The note that it says, where it is one.
     """
 
     code: str
     severity: str
     joint: str
     text: str
+    said: Note | None = None
 
     @property
     def sentence(self) -> str:
@@ -345,7 +348,7 @@ class DataFault:
     @property
     def note(self) -> Note:
         """The same beside a verdict."""
-        return Note(self.code, self.sentence, self.joint)
+        return self.said or Note(self.code, self.sentence, self.joint)
 
 
 class Note(tuple[str, str]):

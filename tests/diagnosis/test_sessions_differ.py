@@ -12,11 +12,12 @@ from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis import equivalence
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, _ours, _Pair, still_differ
+from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE, _ours, _Pair, still_differ
 from hil.diagnosis.residual_tests import FIT_APART
 from hil.diagnosis.types import Finding
 from hil.diagnosis.verbs import compare, ladder
 from hil.models.model import base_model
+from hil.record.consistency import Note
 from hil.report.data import diagnosis_json, from_diagnosis
 from hil.report.html import diagnosis_report
 from hil.report.text import AGAIN, headline, next_steps
@@ -144,8 +145,9 @@ def test_sessions_do_not_differ_on_joints_that_the_corrected_model_serves():
     assert still_differ(served) == [w for w in d.warnings if w[0] != DIFFER]
     # what to do stands behind the last sentence that is left
     bare = sentence.removesuffix(ADVICE).removesuffix(". ")
-    two = replace(d, warnings=[(DIFFER, bare), (DIFFER, f"joint1: it was another one. {ADVICE}")])
-    assert still_differ(two) == [(DIFFER, sentence)]
+    one, other = "joint1: it was another one", "joint1"
+    two = [Note(DIFFER, bare, "joint2", bare, STATE), Note(DIFFER, f"{one}. {ADVICE}", other, one)]
+    assert still_differ(replace(d, warnings=two)) == [(DIFFER, sentence)]
 
 
 def test_what_explains_an_error_at_its_floor_in_one_session_is_no_difference():

@@ -6,6 +6,7 @@ import pickle
 from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE, _advised
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, changes_told
 from hil.diagnosis.types import Change
+from hil.diagnosis.verbs import _as_fault
 from hil.diagnosis.verdict import HIGH_FLOOR, LARGE, NO_SENSOR, NOT_WHITE, no_noise, not_white
 from hil.record.consistency import DataFault, Note, notes_of
 
@@ -18,6 +19,13 @@ def test_a_note_is_a_pair_that_says_what_it_is_of():
     for other in (copy.deepcopy(note), pickle.loads(pickle.dumps(note)), note.saying(text)):
         assert other == note and vars(other) == vars(note)
     assert note.saying("else").joint == note.joint and note.saying("else")[1] == "else"
+
+
+def test_a_comparison_keeps_what_its_notes_are_of():
+    note = Note("differs", "j1: it is another one", "j1", "another", "state")
+    fault = _as_fault(note)
+    assert fault.sentence == note[1] and fault.note is note
+    assert vars(_as_fault(("plain", "words")).note) == vars(Note("plain", "words"))
 
 
 def test_notes_are_found_by_their_codes():
