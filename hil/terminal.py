@@ -152,6 +152,10 @@ def width(stream: TextIO | None = None) -> int | None:
         return None
 
 
+#: The line of progress, while there is one.
+_bars: list[tqdm] = []
+
+
 @contextlib.contextmanager
 def working(shown: bool = True) -> Iterator[None]:
     """Show on a terminal how far the work within has come, where it takes more than a second.
@@ -183,6 +187,7 @@ def working(shown: bool = True) -> Iterator[None]:
 
     thread = threading.Thread(target=drawn, name="progress", daemon=True)
     thread.start()
+    _bars.append(bar)
     try:
         with work.listening(told):
             yield
@@ -190,7 +195,15 @@ def working(shown: bool = True) -> Iterator[None]:
         over.set()
         thread.join()
         compilation.end()
+        _bars.remove(bar)
         bar.close()
+
+
+def _make_room() -> None:
+    """Take the line of progress away, so that what is written next begins a line of its own."""
+    for bar in _bars:
+        if not bar.delay:  # it is drawn
+            bar.clear()
 
 
 #: What is said while kernels are compiled; the machine code is kept for later runs.
@@ -256,11 +269,13 @@ def log(text: str) -> None:
     """One line to stderr, unless it is to be quiet."""
     if settings.quiet:
         return
+    _make_room()
     sys.stderr.write(sentences(text, sys.stderr) + "\n")
 
 
 def out(text: str) -> None:
     """Text to stdout, its sentences within the terminal."""
+    _make_room()
     sys.stdout.write(sentences(text) + "\n")
 
 
@@ -300,6 +315,7 @@ def _within(line: str, wide: int) -> str:
 
 def emit(data: dict[str, Any]) -> None:
     """JSON to stdout."""
+    _make_room()
     sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 

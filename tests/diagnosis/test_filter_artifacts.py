@@ -10,6 +10,7 @@ from hil.commands.diagnose import text, verdict
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
 from hil.diagnosis.verdict import of_noise
+from hil.record.consistency import Note
 from hil.report import text as report_text
 from hil.report.data import from_diagnosis
 
@@ -46,7 +47,8 @@ def test_an_adequate_error_above_its_floor_is_called_what_it_is():
 
 
 def test_only_a_joint_that_is_said_to_be_blurred_counts():
-    said = [(artefacts.BLURRED, "joint1: 40 % of the squared error is at reversals")]
+    words = "joint1: 40 % of the squared error is at reversals"
+    said = [Note(artefacts.BLURRED, words, "joint1"), ("other", words)]
     assert artefacts.blurred_above(said, {"joint1": 1.3, "joint2": 1.0})
     assert not artefacts.blurred_above(said, {"joint1": 1.05, "joint2": 1.3})
     assert not artefacts.blurred_above([], {"joint1": 1.3})

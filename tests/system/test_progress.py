@@ -6,6 +6,7 @@ import io
 import time
 
 import plants
+import pytest
 
 from hil import terminal
 from hil.cli import main
@@ -44,6 +45,23 @@ def test_a_stage_its_share_and_the_time_left_are_shown(monkeypatch):
     assert "seek effects  25 %" in text
     assert "about" in text
     assert text.endswith("\r")  # nothing of it stays
+
+
+@pytest.mark.parametrize(
+    "say", [terminal.out, terminal.log, lambda text: terminal.emit({"said": text})]
+)
+def test_what_is_written_meanwhile_begins_a_line_of_its_own(monkeypatch, say):
+    """The verdict had stood behind "about 00:00 left"."""
+
+    def told():
+        stages()
+        say("Verdict: adequate")
+
+    stages.stream = screen = Terminal()
+    monkeypatch.setattr("sys.stdout", screen)
+    text = shown(monkeypatch, screen, told)
+    before, verdict, _ = text.partition("Verdict" if say in (terminal.out, terminal.log) else "{")
+    assert verdict and before.endswith("\r") and before.split("\r")[-2].strip() == ""
 
 
 def test_nothing_is_shown_in_a_pipe_when_quiet_or_where_a_command_is_short(monkeypatch):
