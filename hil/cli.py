@@ -187,12 +187,15 @@ COMMANDS: dict[str, Command] = {
     "import": Command(
         "hil.commands.import_",
         "bring a table of any rig (CSV, NPZ, MAT, Parquet, XLSX, LeRobot, ...) into a session",
+        long=True,
     ),
     "trust": Command(
         "hil.commands.trust",
         "agree to what a model file (plugins) or a rig file (cut program) would run",
     ),
-    "info": Command("hil.commands.info", "channels, rates, gaps and data faults of recordings"),
+    "info": Command(
+        "hil.commands.info", "channels, rates, gaps and data faults of recordings", long=True
+    ),
     "list": Command(
         "hil.commands.list",
         "the recordings of a folder: rig, arms, date, length, tags, and whether they can be used",

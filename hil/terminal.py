@@ -275,8 +275,13 @@ def log(text: str) -> None:
 
 def out(text: str) -> None:
     """Text to stdout, its sentences within the terminal."""
+    write(sentences(text) + "\n")
+
+
+def write(text: str) -> None:
+    """Text to stdout as it is; it ends its last line itself."""
     _make_room()
-    sys.stdout.write(sentences(text) + "\n")
+    sys.stdout.write(text)
 
 
 #: Lines that somebody copies, or a program reads: commands, JSON, comments and keys of TOML.
@@ -315,8 +320,7 @@ def _within(line: str, wide: int) -> str:
 
 def emit(data: dict[str, Any]) -> None:
     """JSON to stdout."""
-    _make_room()
-    sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
+    write(json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
 def finite(value: Any) -> Any:

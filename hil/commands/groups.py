@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -243,7 +242,7 @@ def _said(
     """Rows of all groups; their JSON or short answers go out one by one."""
     rows = []
     if args.json:
-        sys.stdout.write('{"schema": "hil.diagnose.groups/1", "groups": [')
+        terminal.write('{"schema": "hil.diagnose.groups/1", "groups": [')
     for k, (group, data) in enumerate(zip(found, answers, strict=True)):
         rows.append(_row(group, data))
         if args.json:
@@ -254,13 +253,13 @@ def _said(
                 **({FAILED: data[FAILED]} if FAILED in data else {"diagnosis": data["diagnosis"]}),
             }
             text = json.dumps(told, indent=2, allow_nan=False)
-            sys.stdout.write(f"{',' if k else ''}\n{text}")
+            terminal.write(f"{',' if k else ''}\n{text}")
         elif len(found) <= _ANSWERS or args.verbose:
             heading = f"{group.label} ({plural(len(group.sessions), 'session')})"
             text = f"{_NOT}: {data[FAILED]}" if FAILED in data else data["text"]
             terminal.out(f"{heading}\n{'-' * len(heading)}\n{text}\n")
     if args.json:
-        sys.stdout.write("\n]}\n")
+        terminal.write("\n]}\n")
     return rows
 
 

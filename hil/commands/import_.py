@@ -9,17 +9,15 @@ import argparse
 import json
 import os
 import shlex
-import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from tqdm import tqdm
 
-from hil import outputs, terminal
+from hil import outputs, terminal, work
 from hil.commands import common
 from hil.errors import ConfigError, DataError, families, plural
 from hil.models import catalogue
@@ -249,6 +247,7 @@ def run(args: argparse.Namespace) -> int:
     if len(paths) > 1 or str(paths[0]) != args.tables[0]:
         return _several(args, paths)
     args.table = args.tables[0]
+    work.at(f"read {Path(args.table).name}", 0.0)
     if is_bag(args.table):
         return _bag(args)
     common.refuse_topics(args)
@@ -310,9 +309,9 @@ def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -
     _write(output, found, table, args.tag)
     model = _model(place, found.recordings)
     if args.json:
-        sys.stdout.write(json.dumps(as_dict(output, found, model)) + "\n")
+        terminal.write(json.dumps(as_dict(output, found, model)) + "\n")
     else:
-        sys.stdout.write(terminal.sentences(text(output, found, *model)))
+        terminal.write(terminal.sentences(text(output, found, *model)))
     return 0
 
 
@@ -331,7 +330,7 @@ def _every_run(
     if not names:
         raise ConfigError(f"table {table} does not hold several runs; leave --all-runs out")
     _refuse_folder(folder)
-    found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _bar("read", names)}
+    found = {folder / f"{n}.mcap": _read(args, table, mapping, n) for n in _counted("read", names)}
     return _write_all(args, folder, found, dict.fromkeys(found, table))
 
 
@@ -351,7 +350,7 @@ def _several(args: argparse.Namespace, paths: list[Path]) -> int:
     if not any(map(is_bag, paths)):
         common.refuse_topics(args)
     if args.dry_run:
-        return _show(args, {p: _any(args, p) for p in _bar("read", paths, "file")})
+        return _show(args, {p: _any(args, p) for p in _counted("read", paths)})
     if not args.output:
         raise ConfigError("-o FOLDER is missing; --dry-run shows what would be read without it")
     folder = Path(args.output)
@@ -370,7 +369,7 @@ def _several(args: argparse.Namespace, paths: list[Path]) -> int:
                 "apart"
             )
         tables[place] = path
-    found = {p: _any(args, tables[p]) for p in _bar("read", list(tables), "file")}
+    found = {p: _any(args, tables[p]) for p in _counted("read", list(tables))}
     _refuse_robots(found)
     return _write_all(args, folder, found, tables)
 
@@ -416,14 +415,14 @@ def _write_all(
     outputs.make_folder(folder)
     for path, table in tables.items():
         outputs.check(path, ".mcap", _inputs(args, table))
-    for path in _bar("write", list(found)):
+    for path in _counted("write", list(found), 0.9, 1.0):
         _write(path, found[path], tables[path], args.tag)
     model = _model(folder / "model.toml", next(iter(found.values())).recordings)
     if args.json:
         text = json.dumps(every_as_dict(found, model)) + "\n"
     else:
         text = terminal.sentences(every(folder, found, *model))
-    sys.stdout.write(text)
+    terminal.write(text)
     return 0
 
 
@@ -436,8 +435,13 @@ def _refuse_folder(folder: Path) -> None:
         )
 
 
-def _bar(what: str, items: list[_Item], unit: str = "run") -> Iterable[_Item]:
-    return tqdm(items, what, unit=unit, disable=None, leave=False, file=sys.stderr)  # type: ignore[no-any-return]
+def _counted(
+    what: str, items: list[_Item], first: float = 0.0, last: float = 0.9
+) -> Iterator[_Item]:
+    """Items, while progress says how many lie behind: from a share of all work to another."""
+    for k, item in enumerate(items):
+        work.at(f"{what} {k + 1} of {len(items)}", first + (last - first) * k / len(items))
+        yield item
 
 
 def _read(args: argparse.Namespace, table: Path, mapping: TableMap | None, which: str) -> Imported:
@@ -515,7 +519,7 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     if args.json:
         lacking = {"missing": list(found.missing), "fill": list(found.fill)}
         said = {"schema": "hil.propose-map/1", "map": str(place), "text": found.text}
-        sys.stdout.write(json.dumps(said | lacking) + "\n")
+        terminal.write(json.dumps(said | lacking) + "\n")
         return 0
     lacks = ""
     if found.missing:
@@ -524,11 +528,11 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
             "under [columns] (docs/import.md)"
         )
     if terminal.settings.quiet:
-        sys.stdout.write(lacks.lstrip("\n") + ("\n" if lacks else ""))
+        terminal.write(lacks.lstrip("\n") + ("\n" if lacks else ""))
         return 0
     robot = ["--robot", args.robot] if args.robot else []
     words = shlex.join(["hil", "import", str(path), "--map", str(place), *robot, "--dry-run"])
-    sys.stdout.write(f"{found.text}\n{place}: written, check it{lacks}\nnext:\n  {words}\n")
+    terminal.write(f"{found.text}\n{place}: written, check it{lacks}\nnext:\n  {words}\n")
     return 0
 
 
@@ -541,12 +545,12 @@ def _show(args: argparse.Namespace, found: Mapping[Path, Imported]) -> int:
     if args.json:
         shown = [_shown(one) for one in found.values()]
         several = {"schema": "hil.import-all/1", "sessions": shown}
-        sys.stdout.write(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
+        terminal.write(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
         return 0
     said = "\n".join(preview(table, one) for table, one in found.items())
     guessed = any(note.startswith(GUESSED) for one in found.values() for note in one.notes)
     how = "" if guessed else "; to write it, give -o S.mcap instead of --dry-run"
-    sys.stdout.write(terminal.sentences(f"{said}nothing was written{how}\n"))
+    terminal.write(terminal.sentences(f"{said}nothing was written{how}\n"))
     return 0
 
 

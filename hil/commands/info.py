@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mcap.reader import make_reader
 
-from hil import outputs, terminal
+from hil import outputs, terminal, work
 from hil.commands import common, trust
 from hil.errors import ConfigError, DataError, plural
 from hil.models.robots import undescribed
@@ -138,12 +138,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         entries = [_as_dict(*entry) for entry in seen]
         entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
-        sys.stdout.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
+        terminal.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
     else:
-        sys.stdout.write(terminal.sentences("\n".join(_text(*entry) for entry in seen)))
-        sys.stdout.writelines(f"{path}: {trust.line(what)}\n" for path, what in run_by)
+        terminal.write(terminal.sentences("\n".join(_text(*entry) for entry in seen)))
+        terminal.write("".join(f"{path}: {trust.line(what)}\n" for path, what in run_by))
         idle = [path for path in files if path not in {p for p, _ in run_by}]
-        sys.stdout.writelines(f"{path}: runs nothing\n" for path in idle)
+        terminal.write("".join(f"{path}: runs nothing\n" for path in idle))
     if unread:
         sys.stdout.flush()
         raise unread[0] if len(unread) == 1 else DataError("\n".join(map(str, unread)))
@@ -155,7 +155,8 @@ def _all_seen(
 ) -> tuple[list[tuple[SessionSummary, list[_Arm]]], list[ConfigError | DataError]]:
     """What the readable ones hold, and the errors of the others: one does not hide the rest."""
     seen, unread = [], []
-    for path in paths:
+    for k, path in enumerate(paths):
+        work.at(f"read {path.name}", k / len(paths))
         try:
             seen.append(_seen(path, choice))
         except (ConfigError, DataError) as error:
@@ -179,9 +180,9 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
         entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
-        sys.stdout.write(json.dumps(entry) + "\n")
+        terminal.write(json.dumps(entry) + "\n")
     else:
-        sys.stdout.write(
+        terminal.write(
             f"{target}: {plural(kept, 'message')} recovered from {sessions[0]}; "
             f"{plural(found.unread, 'byte')} at its end and "
             f"{plural(found.damaged, 'damaged record')} could not be read\n"

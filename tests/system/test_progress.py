@@ -9,7 +9,7 @@ import plants
 import pytest
 
 from hil import terminal
-from hil.cli import main
+from hil.cli import COMMANDS, main
 from hil.record.export import write_recordings
 from hil.terminal import settings, working
 from hil.work import at, listening
@@ -158,3 +158,14 @@ def _arguments(words):
     from hil import cli
 
     return cli.build_parser(words[0]).parse_args(words)
+
+
+@pytest.mark.parametrize("words", [["info"], ["import", "--dry-run"]])
+def test_reading_of_a_large_file_says_what_it_reads(tmp_path, capsys, words):
+    """Ten seconds without a word, on a bag of some minutes."""
+    path, heard = tmp_path / "log.csv", []
+    path.write_text("t,q1,tau1\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
+    with listening(lambda what, done: heard.append(what)):
+        main([words[0], str(path), *words[1:]])
+    assert "read log.csv" in heard and COMMANDS[words[0]].long
+    capsys.readouterr()
