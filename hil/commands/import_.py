@@ -472,23 +472,53 @@ GUESSED = "guessed"
 
 def _guessed(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> Imported:
     """A table as an import would read it; one of other names by the map that they propose."""
+    found = None
     try:
         return _read(args, table, mapping, args.which)
     except (DataError, ConfigError) as error:
-        found = None
-        if mapping is None and "has no column" in str(error):
-            found = _proposal(args, open_table(table, run=args.which))
-        if found is None or found.missing:
+        if mapping is None:
+            opened = open_table(table, run=args.which)
+            found = _proposal(args, opened)
+        if found is None:
             raise
-    given = parse_map(parse_toml(found.text), common.torque_constants(args.torque_constant))
-    made = _read(args, table, given, args.which)
-    words = shlex.join(["hil", "import", str(table), "--propose-map", "MAP.toml"])
+        other_names = "has no column" in str(error)
+        if found.missing or not other_names:
+            _show_guess(args, opened, found)
+        if found.missing and other_names:
+            raise ConfigError(
+                f"table {table}: no column's name says what is {' or '.join(found.missing)}. It "
+                f"has: {', '.join(families(list(opened.names)))}. '{_to_propose(table)}' writes "
+                "what was understood as a map, to be completed"
+            ) from error
+        if not other_names:
+            raise
+    try:
+        given = parse_map(parse_toml(found.text), common.torque_constants(args.torque_constant))
+        made = _read(args, table, given, args.which)
+    except (DataError, ConfigError):
+        _show_guess(args, opened, found)
+        raise
     note = (
         f"{GUESSED}: the columns have other names than 'hil import' knows, and are shown as their "
-        f"names and units say. '{words}' writes this as a map; check its units and signs, and give "
-        "it with --map"
+        f"names and units say. '{_to_propose(table)}' writes this as a map; check its units and "
+        "signs, and give it with --map"
     )
     return replace(made, notes=(note, *made.notes))
+
+
+def _to_propose(table: Path) -> str:
+    """The command that writes the map."""
+    return shlex.join(["hil", "import", str(table), "--propose-map", "MAP.toml"])
+
+
+def _show_guess(args: argparse.Namespace, table: ForeignTable, found: Proposal) -> None:
+    """What would be read of a table that cannot be read yet; why not is the error that follows."""
+    if args.json:
+        return
+    columns = {target: Rule({name: 1.0}) for target, name in found.columns.items()}
+    order = [target for target, _ in sorted(columns.items(), key=_place)]
+    rows = [[n, found.columns[n], table.first.get(found.columns[n], "")] for n in order]
+    terminal.out(terminal.table(["column", "would be read from", "first row"], rows, (0, 1)))
 
 
 def _proposal(args: argparse.Namespace, table: ForeignTable) -> Proposal | None:

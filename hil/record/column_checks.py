@@ -6,6 +6,7 @@ size or a wrap and not from the map is said in a sentence.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -187,8 +188,15 @@ def whole_rows(
         out, text = _mended(out, given.missing)
         notes += [text] if text else []
     sure = given.rate_hz > 0 or ("t" in rules and rules["t"].stated)
-    keep = _clean_time(table, out["t"], given, LONGEST_PERIOD if sure else LONG_PERIOD)
+    longest = LONGEST_PERIOD if sure else LONG_PERIOD
+    keep = _clean_time(table, out["t"], given, longest, _time_column(rules))
     return {k: v[keep] for k, v in out.items()}, notes
+
+
+def _time_column(rules: Mapping[str, Rule]) -> str:
+    """Name that the time has in the table."""
+    of = list(rules["t"].terms) if "t" in rules else []
+    return of[0] if len(of) == 1 else "t"
 
 
 #: Share by which a rate may be off the steps of a time and still mean the same.
@@ -301,9 +309,12 @@ def _bridge(t: FloatArray, v: FloatArray) -> int:
 
 
 def _clean_time(
-    table: ForeignTable, t: FloatArray | None, given: TableMap, longest: float
+    table: ForeignTable, t: FloatArray | None, given: TableMap, longest: float, column: str
 ) -> NDArray[np.intp]:
-    """Rows to keep, after checking that the time increases evenly, by `longest` [s] at most."""
+    """Rows to keep, after checking that the time increases evenly, by `longest` [s] at most.
+
+    `column` is its name in the table.
+    """
     gaps, repeated = given.gaps, given.repeated
     if t is None or t.size < 2:
         raise DataError(f"table {table.path}: {0 if t is None else t.size} samples; too few")
@@ -332,7 +343,7 @@ def _clean_time(
         )
     even = np.delete(rows, same + 1)
     _refuse_twelve_hours(table, t)
-    _refuse_steps(table, t[even], even, gaps, longest)
+    _refuse_steps(table, t[even], even, gaps, longest, column)
     return rows if repeated == "keep" else even
 
 
@@ -356,7 +367,12 @@ def _refuse_twelve_hours(table: ForeignTable, t: FloatArray) -> None:
 
 
 def _refuse_steps(
-    table: ForeignTable, t: FloatArray, rows: NDArray[np.intp], gaps: str, longest: float
+    table: ForeignTable,
+    t: FloatArray,
+    rows: NDArray[np.intp],
+    gaps: str,
+    longest: float,
+    column: str,
 ) -> None:
     dt = np.diff(t)
     if not dt.size:
@@ -368,14 +384,15 @@ def _refuse_steps(
             f"faster than {1 / SHORT_PERIOD:g} Hz"
         )
         raise DataError(
-            f'{what}. Scale it to seconds in a map, [columns] t = {{ from = "t", scale = ... }}'
+            f"{what}. Scale it to seconds in a map, [columns] t = "
+            f"{{ from = {json.dumps(column, ensure_ascii=False)}, scale = ... }}"
         ).about("time", what)
     if period > longest * (1 + ROUNDED):
         what = (
             f"table {table.path}: the time advances by {period:.4g} s a sample "
             f"({1 / period:.3g} Hz)"
         )
-        raise DataError(f"{what}; {_what_time(t, period, longest)}").about("time", what)
+        raise DataError(f"{what}; {_what_time(t, period, longest, column)}").about("time", what)
     jumps = np.flatnonzero(dt > JUMP * period)
     if jumps.size and gaps == "refuse":
         k = int(jumps[0])
@@ -390,10 +407,11 @@ def _refuse_steps(
 _SPOKEN = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
-def _what_time(t: FloatArray, period: float, longest: float) -> str:
+def _what_time(t: FloatArray, period: float, longest: float, column: str) -> str:
     """What a time may be that is too slow in seconds, and what to do."""
     slow = f"{1 / longest:g} Hz is the slowest that is analysed"
-    map_ = 'in a map, [columns] t = { from = "t", unit = "'
+    of = json.dumps(column, ensure_ascii=False)
+    map_ = f'in a map, [columns] t = {{ from = {of}, unit = "'
     fits = {
         unit: 1 / (period * FACTORS["t"][unit])
         for unit in ("ms", "us", "ns")

@@ -453,6 +453,8 @@ def _meant(words: Sequence[str], unit: str) -> tuple[int, str]:
     said = [(k, stem) for k, w in enumerate(words) for stem, own in _SETS.items() if w in own]
     if not said:
         return -1, kind or ""
+    # what it is given as: a current_as_torque is a torque
+    said = [(k, stem) for k, stem in said if "as" in words[:k]] or said
     # an abbreviation of one letter says less than a word: motor_current_q1 is a current
     at, stem = max(said, key=lambda item: (len(words[item[0]]) > 1, -item[0]))
     if kind == "" or (kind and kind != stem and len(words[at]) == 1):

@@ -295,6 +295,11 @@ def builtin_maps() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
+def _plain(name: str) -> str:
+    """A name as it may be typed: ur_rtde is ur-rtde."""
+    return name.lower().replace("_", "-")
+
+
 def read_map(source: str | Path, torque_constant: Sequence[float] = ()) -> TableMap:
     """Read a map file, or a built-in map by its name.
 
@@ -311,9 +316,11 @@ def read_map(source: str | Path, torque_constant: Sequence[float] = ()) -> Table
         If it is missing, not TOML, or holds an unknown key or column.
     """
     path, name = Path(source), str(source)
-    builtin = not path.is_file() and name in builtin_maps()
+    spelt = {_plain(n): n for n in builtin_maps()}
+    builtin = not path.is_file() and _plain(name) in spelt
     try:
         if builtin:
+            name = spelt[_plain(name)]
             text = resources.files("hil.record").joinpath("maps", f"{name}.toml").read_text("utf-8")
         else:
             text = read_text(path)

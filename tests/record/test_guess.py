@@ -452,3 +452,33 @@ def test_currents_are_the_efforts_of_a_table_without_where_constants_are_given(
     assert main([*words, "--torque-constant", "2,3"]) == 0
     assert "torque constants times the currents i1" in "".join(capsys.readouterr())
     assert load(tmp_path / "s.mcap").tau == pytest.approx(r.tau * [2.0, 3.0])
+
+
+def test_a_current_given_as_a_torque_is_the_effort_beside_the_current_itself():
+    """It had been left out, and the current was refused for want of a torque constant."""
+    names = ["timestamp", "actual_q_0", "actual_current_0", "actual_current_as_torque_0"]
+    found, units = _read(names)
+    assert found == {"t": "timestamp", "q1": "actual_q_0", "i1": "actual_current_0",
+                     "tau1": "actual_current_as_torque_0"}  # fmt: skip
+    assert units == {}
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "said", "why"),
+    [
+        ("time_ms,pos1_deg,cur1_mA", "{0},{1},{2}", ["tau1", "cur1_mA"], "torque-constant"),
+        ("time,q1,tau1", "{3},{1},{2}", ["t", "time"], '{ from = "time", unit = "ms" }'),
+        ("stamp [s],pos1_deg", "{0},{1}", ["q1", "pos1_deg"], "motor efforts (tau)"),
+    ],
+)
+def test_a_dry_run_shows_what_it_guessed_also_of_what_cannot_be_read(
+    tmp_path, monkeypatch, capsys, head, row, said, why
+):
+    monkeypatch.chdir(tmp_path)
+    rows = [row.format(4 * k, np.sin(k / 9), np.cos(k / 9), 5.0 * k) for k in range(400)]
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows]) + "\n")
+    assert main(["import", "log.csv", "--dry-run"]) == 2
+    out, err = capsys.readouterr()
+    lines = [line.split() for line in out.splitlines()]
+    assert any(line[:2] == said for line in lines), out
+    assert why in err

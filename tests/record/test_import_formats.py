@@ -244,7 +244,7 @@ def test_a_dry_run_shows_what_names_and_units_say_where_there_is_no_map(tmp_path
     )
     capsys.readouterr()
     assert main(["import", str(bare), "--dry-run"]) == 2
-    assert "has no column" in capsys.readouterr().err
+    assert "no column's name says what is motor efforts (tau)" in capsys.readouterr().err
 
 
 def test_every_run_in_quiet(tmp_path, frame, capsys):
