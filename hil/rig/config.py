@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,9 +12,10 @@ from typing import Any
 
 from hil.errors import ConfigError, DataError, unknown
 from hil.models.robots import PRESETS
+from hil.record.locked import locked_urdf
 from hil.record.recording import RobotSource, tag_record
 from hil.record.schema import FIELD
-from hil.record.urdf_joints import frames_of, urdf_joints
+from hil.record.urdf_joints import UrdfJoint, frames_of, urdf_joints
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
 from hil.userfile import parse_toml, read_text
@@ -186,8 +188,9 @@ TIP = "tip"
 class ArmConfig:
     """Table ``[arms.NAME]``: which robot, its joints, and limits [N m], [rad/s].
 
-    `robot` is a preset, or a URDF beside the rig file.  Of a URDF, `joints` are all that move,
-    in kinematic order, and the limits those of the URDF, where the rig file does not give them.
+    `robot` is a preset, or a URDF beside the rig file.  Of a URDF, `joints` are those that run, in
+    kinematic order, all where the rig file names none; the others stand where `lock` says [rad or
+    m], else at 0.  The limits are those of the URDF, where the rig file does not give them.
 
     `position_min`, `position_max` [rad] and `workspace_min`, `workspace_max` (tip, base frame)
     [m] bound planned motions; empty means those of the robot.  The loop pauses outside of the
@@ -209,6 +212,7 @@ class ArmConfig:
     force_yellow: float = 0.0
     force_red: float = 0.0
     winding: WindingConfig = field(default_factory=WindingConfig)
+    lock: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._refuse_robot()
@@ -232,7 +236,15 @@ class ArmConfig:
         d = len(self.joints)
         if not 1 <= d <= MOST_JOINTS or (d != 3 and not self.own):
             most = f"1 to {MOST_JOINTS}" if self.own else "3"
-            raise ConfigError(f"robot {self.robot!r} has {d} joints; {most} can be run.")
+            more = (
+                f" Name those that run, joints = {json.dumps(self.joints[:MOST_JOINTS])}; the "
+                "others are locked."
+                if self.own and d > MOST_JOINTS
+                else ""
+            )
+            raise ConfigError(f"robot {self.robot!r} has {d} joints; {most} can be run.{more}")
+        if self.lock and not self.own:
+            raise ConfigError("lock is of the joints of a URDF; a preset has none to lock.")
         twice = [n for k, n in enumerate(self.joints) if n in self.joints[:k]]
         if twice:
             raise ConfigError(
@@ -326,7 +338,8 @@ def robot_source(arm: ArmConfig) -> RobotSource:
     if not arm.own:
         return RobotSource(arm.robot, tip=arm.tip)
     # the frame TIP is the default of a URDF too, and its last one where it has none
-    return RobotSource("", _urdf(arm.robot), "" if arm.tip == TIP else arm.tip)
+    text, _ = locked_urdf(_urdf(arm.robot), arm.joints, arm.lock, arm.robot)
+    return RobotSource("", text, "" if arm.tip == TIP else arm.tip)
 
 
 def _urdf(path: str) -> str:
@@ -560,14 +573,9 @@ def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
         if not isinstance(robot, str) or not robot.lower().endswith(URDF):
             continue
         place = str(path.parent / robot)
-        joints = urdf_joints(_urdf(place), place)
+        joints = _that_run(name, arm, place, urdf_joints(_urdf(place), place))
         _refuse_urdf(name, arm, place, joints)
         filled: dict[str, Any] = {"joints": [j.name for j in joints], **arm, "robot": place}
-        if tuple(filled["joints"]) != tuple(j.name for j in joints):
-            raise ConfigError(
-                f"[arms.{name}]: joints are those of {place} in their order, "
-                f"{[j.name for j in joints]}; fix the others in the URDF."
-            )
         for key, of in _MOST.items():
             known = [getattr(j, of) for j in joints]
             lacking = [j.name for j, most in zip(joints, known, strict=True) if math.isinf(most)]
@@ -579,6 +587,29 @@ def _robots(table: dict[str, Any], path: Path) -> dict[str, Any]:
             filled.setdefault(key, known)
         table = merge(table, {"arms": {name: filled}})
     return table
+
+
+def _that_run(
+    name: str, arm: Mapping[str, Any], place: str, joints: Sequence[UrdfJoint]
+) -> Sequence[UrdfJoint]:
+    """Joints of a URDF that the rig file names; all but the locked ones where it names none."""
+    known, lock = [j.name for j in joints], arm.get("lock", {})
+    locked = set(lock) if isinstance(lock, Mapping) else set()
+    said = arm.get("joints", [n for n in known if n not in locked])
+    if not isinstance(said, list) or not all(isinstance(n, str) for n in said):
+        return joints  # which the rows of the table say
+    for wanted in (*said, *sorted(locked)):
+        if wanted not in known:
+            raise ConfigError(
+                f"[arms.{name}]: {unknown(f'moving joint of {place}', wanted, known)}"
+            )
+    if both := sorted(locked & set(said)):
+        raise ConfigError(f"[arms.{name}]: joint {both[0]!r} is to run and locked; choose one.")
+    run = [j for j in joints if j.name in said]
+    if said != [j.name for j in run]:
+        order = json.dumps([j.name for j in run])
+        raise ConfigError(f"[arms.{name}]: joints are in the order of {place}: {order}.")
+    return run
 
 
 def _refuse_urdf(name: str, arm: Mapping[str, Any], place: str, joints: Sequence[Any]) -> None:

@@ -1,6 +1,7 @@
 """Arms of any number of joints on the loop: rig file, record, limits, replay, both back ends."""
 
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,7 @@ def urdf(d):
     return f'<robot name="r"><link name="base"/>{"".join(links)}</robot>'
 
 
+OWN = 'robot = "own.urdf"'
 RIG = """schema = "hil.rig/1"
 backend = "{backend}"
 [loop]
@@ -179,7 +181,19 @@ def test_the_torque_limit_of_every_joint_holds(tmp_path):
         (('"bus/1", ', ""), "drives needs 5 places"),
         (('name = "joint-pd"', 'name = "position-force"'), "(?s)"),
         (("center = [0.2, ", "center = ["), "center needs 5"),
-        (('robot = "own.urdf"', 'robot = "own.urdf"\njoints = ["axis_0"]'), "in their order"),
+        (
+            ('robot = "own.urdf"', 'robot = "own.urdf"\njoints = ["axis_1", "axis_0"]'),
+            "in the order",
+        ),
+        ((OWN, f'{OWN}\njoints = ["finger"]'), "unknown moving joint"),
+        (
+            (
+                'robot = "own.urdf"',
+                'robot = "own.urdf"\njoints = ["axis_0"]\nlock = { axis_0 = 0 }',
+            ),
+            "'axis_0' is to run and locked",
+        ),
+        ((OWN, f"{OWN}\nlock = {{ finger = 0 }}"), "unknown moving"),
         (('robot = "own.urdf"', 'robot = "own.urdf"\ntorque_limit = [1.0]'), "needs 5 entries"),
     ],
 )
@@ -191,6 +205,30 @@ def test_mistakes_in_the_rig_file_are_refused(tmp_path, change, said):
     path.write_text(text.replace(*change))
     with pytest.raises(ConfigError, match=said):
         run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+
+
+def test_joints_that_the_rig_does_not_run_are_locked(tmp_path):
+    """A stock arm with a gripper could not be run at all: eight joints."""
+    rig(tmp_path, 3)
+    (tmp_path / "own.urdf").write_text(urdf(9))
+    path = tmp_path / "own.toml"
+    text = path.read_text()
+    with pytest.raises(ConfigError, match=r'Name those that run, joints = \["axis_0", "axis_1"'):
+        load_rig(path)
+    named = 'robot = "own.urdf"\njoints = ["axis_0", "axis_1", "axis_2"]\nlock = { axis_4 = 0.3 }'
+    path.write_text(text.replace('robot = "own.urdf"', named))
+    run(load_rig(path), 0.3, 0, output=tmp_path / "s.mcap")
+    session = load(tmp_path / "s.mcap", "arm")
+    assert session.joints == ("axis_0", "axis_1", "axis_2")
+    moving = [
+        j for j in ET.fromstring(session.robot.urdf).iter("joint") if j.get("type") != "fixed"
+    ]
+    assert [j.get("name") for j in moving] == list(session.joints)
+    # the locked links still weigh on the joints that run
+    heavy = session.tau[-1]
+    rig(tmp_path, 3)
+    run(load_rig(path), 0.3, 0, output=tmp_path / "light.mcap")
+    assert np.abs(heavy - load(tmp_path / "light.mcap", "arm").tau[-1]).max() > 0.1
 
 
 def test_a_law_of_three_joints_says_which_laws_take_more(tmp_path):
