@@ -41,7 +41,7 @@ from hil.diagnosis.constants import (
 from hil.diagnosis.evidence import terms_to_try
 from hil.diagnosis.grams import Reach
 from hil.diagnosis.postures import TIMES, beside, countings, exchanged, ordered, times
-from hil.diagnosis.preconditions import driven, weighed
+from hil.diagnosis.preconditions import GRAVITY, driven, weighed
 from hil.diagnosis.types import Candidate
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -51,8 +51,9 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted.
-LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture")
+#: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted, and
+#: another gravity.
+LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture", GRAVITY)
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -82,7 +83,7 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         found += _by_motors(result, recordings)
         found += _other_efforts(result, recordings, found)
     best = _best(found)
-    if best and best.code in LIKE_EFFECTS and _beside_effects(result) < _beside_effects(best.after):
+    if best and best.code in LIKE_EFFECTS and _effects_do_as_much(result, best.after):
         best = _best([x for x in found if x.code not in LIKE_EFFECTS])
     return [(best.code, best.text)] if best and best.text else []
 
@@ -121,22 +122,31 @@ def _best(found: Sequence[_Answer]) -> _Answer | None:
     return min(near, key=lambda x: (x.changes, round(x.off, 1), x.size), default=None)
 
 
-def _beside_effects(result: FitResult) -> float:
-    """Error [%] that is left where every joint has the effect of the catalogue that does most.
+def _effects_do_as_much(result: FitResult, after: FitResult) -> bool:
+    """Whether effects leave as little of the columns as they are as of corrected ones."""
+    return _beside_effects(result) <= (1 + WORTH) * _beside_effects(after)
 
-    Columns are in another order only if less is left so in that order: an arm whose last joint
-    hardly needs an effort but for a spring looked like the same arm with its columns exchanged.
+
+def _beside_effects(result: FitResult) -> float:
+    """Error [%] that is left where joints have the effect of the catalogue that does most.
+
+    The one that does most of all alone, then the next joint's beside it, and so on: the least of
+    all.  Columns are in another order only if less is left so in that order: an arm whose last
+    joint hardly needs an effort but for a spring looked like the same arm with its columns
+    exchanged, and one spring over two joints like gravity from another side.
     """
     problem, model = result.problem, result.model
     terms = [t for t in terms_to_try(result)[0] if not t.per_run]
     best: dict[int, Candidate] = {}
     for c in sorted(tried(result, terms)[1], key=lambda c: c.gain):
-        if not c.term.effect.scope.whole:
+        if not c.term.effect.scope.of_robot:
             best[c.joint] = c
-    for c in best.values():
-        model = model + as_use(c, problem)
+    least = _size(result)
     with problem.aside():
-        return _size(fit(problem, model, sweeps=1))
+        for c in sorted(best.values(), key=lambda c: -c.gain):
+            model = model + as_use(c, problem)
+            least = min(least, _size(fit(problem, model, sweeps=1)))
+    return least
 
 
 def _off(result: FitResult) -> float:
