@@ -83,7 +83,7 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         found += _by_motors(result, recordings)
         found += _other_efforts(result, recordings, found)
     best = _best(found)
-    if best and best.code in LIKE_EFFECTS and _effects_do_as_much(result, best.after):
+    if best and best.code in LIKE_EFFECTS and _effects_do_as_much(result, best):
         best = _best([x for x in found if x.code not in LIKE_EFFECTS])
     return [(best.code, best.text)] if best and best.text else []
 
@@ -105,6 +105,8 @@ class _Answer:
         How many entries of a map it changes.
     off : float
         How far the gravity that it gives is from the described one.
+    fitted : bool
+        Whether its numbers were fitted, and are no sign, order or quarter of a turn.
     """
 
     size: float
@@ -113,6 +115,7 @@ class _Answer:
     text: str
     changes: int = 1
     off: float = 0.0
+    fitted: bool = False
 
 
 def _best(found: Sequence[_Answer]) -> _Answer | None:
@@ -122,9 +125,13 @@ def _best(found: Sequence[_Answer]) -> _Answer | None:
     return min(near, key=lambda x: (x.changes, round(x.off, 1), x.size), default=None)
 
 
-def _effects_do_as_much(result: FitResult, after: FitResult) -> bool:
-    """Whether effects leave as little of the columns as they are as of corrected ones."""
-    return _beside_effects(result) <= (1 + WORTH) * _beside_effects(after)
+def _effects_do_as_much(result: FitResult, best: _Answer) -> bool:
+    """Whether effects leave less of the columns as they are than of corrected ones.
+
+    As little is enough against a correction whose numbers were fitted too.
+    """
+    most = 1 + WORTH if best.fitted else 1.0
+    return _beside_effects(result) < most * _beside_effects(best.after)
 
 
 def _beside_effects(result: FitResult) -> float:
@@ -544,5 +551,7 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
             said = f"{x.text}, and import again: {what}" if x.text else ""
             if TIMES in said:
                 said = said.replace(TIMES, f"{times(x, after):.2g}")
-            out.append(_Answer(_size(after), after, x.code, said, x.changes, _off(after)))
+            out.append(
+                _Answer(_size(after), after, x.code, said, x.changes, _off(after), not x.fixed)
+            )
     return out

@@ -5,7 +5,7 @@ What a bag does not say is not guessed: where two answers are possible, the impo
 
 from __future__ import annotations
 
-import itertools
+import difflib
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, plural, unknown
-from hil.record.locked import frame_axes, free_joints, in_base_axes, locked_urdf, refuse_beyond
+from hil.record.locked import (
+    called_in,
+    frame_axes,
+    free_joints,
+    in_base_axes,
+    locked_urdf,
+    refuse_beyond,
+)
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource, refuse_names
 from hil.record.schema import LIBRARY
 
@@ -227,6 +234,9 @@ def _states(bag: _Bag, chosen: BagChoice) -> dict[str, _Group]:
         )
     if chosen.joints:
         whole = [g for g in found if set(chosen.joints) <= set(g.names)]
+        whole = whole or [
+            g for g in found if called_in(_robots(bag, chosen), g.names, chosen.joints)
+        ]
         if not whole:
             known = sorted({n for g in found for n in g.names})
             lost = next((n for n in chosen.joints if n not in known), "")
@@ -238,7 +248,11 @@ def _states(bag: _Bag, chosen: BagChoice) -> dict[str, _Group]:
             )
         found = whole
     arms = {_namespace(g.topic): g for g in found if g.topic.endswith("/measured_js")}
+    # what a controller wants is no state beside what was measured
+    found = [g for g in found if arms.get(_namespace(g.topic), g) is g]
     if len(arms) == len(found) and all(arms):  # CRTK: every arm is a namespace
+        if not chosen.arm:  # a jaw that rests is no arm
+            arms = {n: g for n, g in arms.items() if _works(bag, g, chosen)} or arms
         if chosen.arm and len(arms) > 1:
             if chosen.arm not in arms:
                 raise ConfigError(f"bag {bag.path}: " + unknown("arm", chosen.arm, arms))
@@ -247,10 +261,24 @@ def _states(bag: _Bag, chosen: BagChoice) -> dict[str, _Group]:
     return {chosen.arm or "arm": _only(bag, found, chosen)}
 
 
+def _works(bag: _Bag, state: _Group, chosen: BagChoice) -> bool:
+    """Whether a joint of a topic moves, and an effort of it was recorded."""
+    try:
+        effort, _ = _effort(bag, state, chosen)
+    except DataError:
+        return False
+    return bool(_useful(state, effort, chosen))
+
+
+def _robots(bag: _Bag, chosen: BagChoice) -> list[str]:
+    """Joints of the URDF that was named or is the bag's only one."""
+    urdf = _urdf(bag, "", chosen)
+    return [j.name for j in free_joints(urdf)] if urdf else []
+
+
 def _only(bag: _Bag, found: list[_Group], chosen: BagChoice) -> _Group:
     """The one group that can be meant: of the robot, with motion, a state before a controller's."""
-    urdf = chosen.robot or _description(bag, "")
-    known = {j.name for j in free_joints(urdf)} if urdf else set()
+    known = set(_robots(bag, chosen))
 
     def robots(g: _Group) -> bool:
         return not known or bool(known & set(g.names))
@@ -309,6 +337,15 @@ def _description(bag: _Bag, arm: str) -> str:
             "URDF with --robot"
         )
     return texts[0] if texts else ""
+
+
+#: How much alike two names are from which one is a slip of the other.
+ALIKE = 0.8
+
+
+def _urdf(bag: _Bag, arm: str, chosen: BagChoice) -> str:
+    """Text of the robot's description: the one that was named, else the bag's."""
+    return chosen.robot or _description(bag, arm)
 
 
 def _moves(group: _Group, name: str) -> bool:
@@ -383,14 +420,15 @@ class _Chosen:
 
 def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoice) -> _Chosen:
     """Joints by name: those that were asked for, else those that move and have an effort."""
-    urdf = chosen.robot or _description(bag, arm)
+    urdf = _urdf(bag, arm, chosen)
     known = free_joints(urdf) if urdf else ()
     refuse_beyond(known, chosen.lock)
     order = [j.name for j in known] or list(state.names)
     if known and not set(order) & set(state.names):
         raise DataError(
             f"bag {bag.path}: the URDF is of another robot: its joints are {', '.join(order)}, "
-            f"those of {state.topic} {', '.join(state.names)}"
+            f"those of {state.topic} {', '.join(state.names)}. If they are the same ones, name the "
+            "URDF's with --joints in the order of the topic"
         )
     for name in chosen.joints:
         if name not in order:
@@ -411,32 +449,6 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
     units = tuple(j.unit for j in known if j.name in names)
     robot = RobotSource("", text, chosen.tip)
     return _Chosen(names, robot, units, locked, asked)
-
-
-def _names_of_robot(urdf: str, names: Sequence[str]) -> dict[str, str]:
-    """Names in the URDF by those in the bag, where they differ in a prefix or suffix alone."""
-    if not urdf:
-        return {}
-    known = [j.name for j in free_joints(urdf)]
-    if set(known) & set(names) or len(names) < 2:
-        return {}
-    bag, robot = _middles(names), {m: n for n, m in _middles(known).items()}
-    if not set(bag.values()) <= set(robot):
-        return {}
-    return {name: robot[middle] for name, middle in bag.items()}
-
-
-def _middles(names: Sequence[str]) -> dict[str, str]:
-    """Names without the prefix and the suffix that all share; digits belong to none."""
-    before = _shared(names).rstrip("0123456789")
-    after = _shared([n[::-1] for n in names])[::-1].lstrip("0123456789")
-    return {n: n[len(before) : len(n) - len(after)] for n in names}
-
-
-def _shared(names: Sequence[str]) -> str:
-    """What all names begin with."""
-    same = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
-    return "".join(letters[0] for letters in same)
 
 
 def _renamed(group: _Group, called: Mapping[str, str]) -> _Group:
@@ -471,11 +483,13 @@ def _recording(
     from hil.record.units import axes_unit
 
     effort, source = _effort(bag, state, chosen)
-    called = _names_of_robot(chosen.robot or _description(bag, arm), state.names)
+    known = [j.name for j in free_joints(urdf)] if (urdf := _urdf(bag, arm, chosen)) else []
+    called = called_in(known, state.names, chosen.joints)
     state, effort = _renamed(state, called), _renamed(effort, called)
     chosen = replace(chosen, joints=tuple(called.get(n, n) for n in chosen.joints))
     what = _joints(bag, arm, state, effort, chosen)
     _refuse_names(bag, state, what)
+    strange = _unknown(bag, state, effort, known)
     force = _force(bag, chosen)
     used = [g for g in (state, effort, force) if g is not None]
     clock = "header" if all(g.stamped for g in used) else "stamp"
@@ -496,7 +510,7 @@ def _recording(
     _refuse_short(bag, state, stamps[keep])
     has_speed = bool(np.isfinite(qd[keep]).all())
     note = f"{bag.path.name}: {_told(bag, state, source, force, what, clock, taken)}"
-    note += _called_otherwise(what, called) + _left_out(state, keep.size)
+    note += _called_otherwise(what, called) + strange + _left_out(state, keep.size)
     turning = [k for k, unit in enumerate(what.units) if unit != "m"]
     found = Recording(
         name=bag.path.stem,
@@ -527,6 +541,27 @@ def _refuse_names(bag: _Bag, state: _Group, what: _Chosen) -> None:
         refuse_names(what.names)
     except DataError as error:
         raise DataError(f"bag {bag.path}, {state.topic}: {error}; record it again") from error
+
+
+def _unknown(bag: _Bag, state: _Group, effort: _Group, known: Sequence[str]) -> str:
+    """What is said of moving, driven joints that the URDF does not have.
+
+    Raises
+    ------
+    DataError
+        If one is spelt much like a joint of the URDF that the bag lacks: that would stand still.
+    """
+    lacks = [n for n in known if n not in state.names]
+    strange = [n for n in state.names if n not in known and _moves(state, n)]
+    strange = [n for n in strange if _driven((effort, ""), n)] if known else []
+    for name in strange:
+        if near := difflib.get_close_matches(name, lacks, n=1, cutoff=ALIKE):
+            raise DataError(
+                f"bag {bag.path}: {state.topic} has a joint {name}, which the URDF lacks, and the "
+                f"URDF has {near[0]}, which the topic lacks. Give them one name, in the URDF or in "
+                "the bag"
+            )
+    return f"; not in the URDF, left out: {', '.join(strange)}" if strange else ""
 
 
 def _called_otherwise(what: _Chosen, called: Mapping[str, str]) -> str:

@@ -10,6 +10,7 @@ joints of the recording and no others, and the bodies of the rest where they are
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -495,3 +496,54 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
         offer += f"; {propose_it} one to complete"
     what = f"no column of table {table.path} is {wanted}"
     return DataError(f"{lacks}{offer}").about("time" if names[0] == "t" else "column", what)
+
+
+# ------------------------------------------------------------ joints that are called otherwise
+
+
+def called_in(known: Sequence[str], names: Sequence[str], given: Sequence[str]) -> dict[str, str]:
+    """Joints of a robot by the names that a recording has for them; empty where these are known.
+
+    Names that differ in one prefix and one suffix alone are matched where only one of each fits;
+    others by their order where the user gives it.
+
+    Parameters
+    ----------
+    known : sequence of str
+        Joints of the URDF that may move.
+    names : sequence of str
+        Those of the recording.
+    given : sequence of str
+        Joints of the URDF as the user names them, in the order of the recording.
+    """
+    if not known or set(known) & set(names) or len(names) < 2:
+        return {}
+    if len(given) == len(names) and set(given) <= set(known):
+        return dict(zip(names, given, strict=True))
+    middles = _middles(names)
+    first = next(iter(middles.values()))
+    frames = {
+        (n[:at], n[at + len(first) :])
+        for n in known
+        for at in range(len(n))
+        if n.startswith(first, at)
+    }
+    found = [
+        {name: before + m + after for name, m in middles.items()}
+        for before, after in sorted(frames)
+        if all(before + m + after in known for m in middles.values())
+    ]
+    return found[0] if len(found) == 1 else {}
+
+
+def _middles(names: Sequence[str]) -> dict[str, str]:
+    """Names without the prefix and the suffix that all share; digits belong to none."""
+    before = _shared(names).rstrip("0123456789")
+    after = _shared([n[::-1] for n in names])[::-1].lstrip("0123456789")
+    return {n: n[len(before) : len(n) - len(after)] for n in names}
+
+
+def _shared(names: Sequence[str]) -> str:
+    """What all names begin with."""
+    same = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join(letters[0] for letters in same)

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from hil.errors import DataError, unknown
 
 _KINDS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}
-#: Largest URDF [characters], and what is more than any robot has; columns are named to q99.
-LARGEST, MOST_ELEMENTS, MOST_LINKS, MOST_JOINTS = 4 * 2**20, 100_000, 1000, 99
+#: Largest URDF [characters], and what is more than any robot has: one with two arms, hands and
+#: casters has a hundred moving joints, most of which are locked for an analysis.
+LARGEST, MOST_ELEMENTS, MOST_LINKS, MOST_JOINTS = 4 * 2**20, 100_000, 1000, 300
 #: Gravity where a description names none [m/s^2].
 GRAVITY = (0.0, 0.0, -9.81)
 #: Larger or smaller than any part of a machine, in SI units.

@@ -59,3 +59,24 @@ def test_efforts_are_not_exchanged_where_more_than_half_of_them_is_left() -> Non
     run = hosed(1, -0.8, 1.2, k=4.0)
     said = mistaken(hil.fit([run], hil.base_model(run.robot)), [run])
     assert "swapped" not in {code for code, _ in said}
+
+
+@pytest.mark.parametrize("axes", [("0 0 1", "1 0 0"), ("0 1 0", "1 0 0")])
+@pytest.mark.parametrize("k", [1.0, 4.0])
+def test_a_hose_over_both_joints_is_no_gravity_from_another_side(axes, k) -> None:
+    """It was bad data, with a gravity to write that pulled upwards."""
+    run = plants.serial_arm(2, 1, axes=axes, seconds=20.0)
+    pull = k * (run.q[:, 0] + 0.6 * run.q[:, 1])
+    sprung = replace(run, tau=run.tau + np.outer(pull, [1.0, 0.6]))
+    assert mistaken(hil.fit([sprung], hil.base_model(run.robot)), [sprung]) == []
+
+
+@pytest.mark.parametrize(
+    ("gravity", "told"), [("0 9.81 0", "description-gravity"), ("9.81 0 0", "posture")]
+)
+def test_a_gravity_from_another_side_is_still_told_without_a_hose(gravity, told) -> None:
+    run = plants.serial_arm(2, 1, axes=("0 1 0", "1 0 0"), seconds=20.0)
+    described = run.robot.urdf.replace("<link", f"<gravity>{gravity}</gravity><link", 1)
+    wrong = replace(run, robot=replace(run.robot, urdf=described))
+    ((code, _),) = mistaken(hil.fit([wrong], hil.base_model(wrong.robot)), [wrong])
+    assert code == told

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sqlite3
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from record_tables import URDF, needs_data
 from hil.cli import main
 from hil.record import foreign
 from hil.record.bags import BagChoice, is_bag, read_bag
+from hil.record.locked import called_in
 from hil.record.mcap_read import load
 from hil.record.recording import LOCKED
 from hil.record.sources import load_source
@@ -400,3 +402,67 @@ def test_topics_of_another_arm_that_is_taken_are_not_told_as_unused(tmp_path, ca
         assert f"warning [velocity-scale] {arm} {names[0]}: qd1 is 50 times" in out
     assert main([*words, "--topic", "/PSM1/measured_js"]) == 0
     assert "not used: /MTML/measured_js, /MTML/setpoint_jf, " in capsys.readouterr().out
+
+
+def test_joints_beyond_those_of_the_bag_do_not_hide_a_prefix(tmp_path):
+    """A stock arm with fingers was "of another robot"; two arms that both fit are not guessed."""
+    urdf = URDF.replace('"shoulder"', '"panda_joint1"').replace('"elbow"', '"panda_joint2"')
+    finger = (
+        '<link name="finger"/><joint name="panda_finger_joint1" type="prismatic">'
+        '<parent link="{}"/><child link="finger"/><axis xyz="0 1 0"/>'
+        '<limit lower="0" upper="0.04" effort="20" velocity="1"/></joint></robot>'
+    )
+    last = ET.fromstring(urdf).findall("link")[-1].get("name")
+    stock = urdf.replace("</robot>", finger.format(last))
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/joint_states", T, ("fer_joint2", "fer_joint1"), *motion())
+    (r,) = read_bag(bag.path, BagChoice(robot=stock))
+    assert r.joints == ("panda_joint1", "panda_joint2")
+    np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
+    known = [f"{side}_{n}" for side in ("left", "right") for n in ("joint1", "joint2")]
+    assert called_in(known, ["arm_joint1", "arm_joint2"], ()) == {}
+    assert called_in(known[:2], ["arm_joint1", "arm_joint2"], ()) == {
+        "arm_joint1": "left_joint1",
+        "arm_joint2": "left_joint2",
+    }
+
+
+def test_joints_of_other_names_are_those_that_the_user_gives_in_their_order(tmp_path):
+    """dVRK calls its joints yaw and pitch, the URDF of the arm otherwise."""
+    with BagFile(tmp_path, "mcap") as bag:
+        bag.joints("/PSM1/measured_js", T, ("pitch", "yaw"), *motion())
+    with pytest.raises(ValueError, match="--joints in the order of the topic"):
+        read_bag(bag.path, BagChoice(robot=URDF))
+    (r,) = read_bag(bag.path, BagChoice(robot=URDF, joints=("elbow", "shoulder")))
+    assert r.joints == ("shoulder", "elbow")
+    np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
+    assert "calls shoulder yaw" in r.metadata["note"]
+
+
+def test_a_joint_that_is_spelt_otherwise_is_not_lost_in_silence(tmp_path):
+    """It had been left out, and the joint of the URDF stood still at 0."""
+    q, qd, tau = (np.stack([*x.T, x[:, 0]], axis=1) for x in motion())
+    for name, said in (("elbow_", "a joint elbow_"), ("wheel", "")):
+        names = ("shoulder", name, "third") if said else ("shoulder", "elbow", name)
+        with BagFile(tmp_path, "mcap", name) as bag:
+            bag.joints("/joint_states", T, names, q, qd, tau)
+            bag.description(URDF)
+        if said:
+            with pytest.raises(ValueError, match=rf"{said}.*elbow, which the topic lacks"):
+                read_bag(bag.path)
+        else:
+            (r,) = read_bag(bag.path)
+            assert "not in the URDF, left out: wheel" in r.metadata["note"]
+
+
+def test_what_a_controller_wants_and_a_jaw_that_rests_are_no_arms(tmp_path):
+    """--arm did not choose between arms with efforts in setpoint_js; a gripper ended the import."""
+    q, qd, tau = motion()
+    with BagFile(tmp_path, "mcap") as bag:
+        for sign, arm in ((1, "PSM1"), (-1, "PSM2")):
+            for state in ("measured_js", "setpoint_js"):
+                bag.joints(f"/{arm}/{state}", T, ["yaw", "pitch"], sign * q, qd, sign * tau)
+            bag.joints(f"/{arm}/jaw/measured_js", T, ["jaw"], 0 * q[:, :1], None, None)
+    assert [r.arm for r in read_bag(bag.path)] == ["PSM1", "PSM2"]
+    (one,) = read_bag(bag.path, BagChoice(arm="PSM2"))
+    np.testing.assert_array_equal(one.q, -q)

@@ -592,7 +592,7 @@ def with_mass(mass: str, moment: str = "1") -> str:
         (with_mass("heavy"), ("'b'", "mass", "expected 1 number")),
         (with_mass("1", "-2"), ("'b'", "ixx", "not negative")),
         (chain(3000), ("3001 links", "at most 1000")),
-        (chain(150), ("150 moving joints", "at most 99")),
+        (chain(310), ("310 moving joints", "at most 300")),
         (chain(20) + "<", ("XML",)),
         (chain(2).replace('child link="l2"', 'child link="l0"'), ("loop",)),
         (chain(2).replace('child link="l2"', 'child link="l1"'), ("'l1'", "two parents")),
