@@ -8,7 +8,7 @@ one, all that is left is fitted anew, so that it carries what it can of the lost
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -41,7 +41,7 @@ from hil.identify.timing import fit_aligned
 from hil.models import catalogue
 from hil.models.bodies import NearestBodies, infeasible, nearest_feasible
 from hil.models.effect import Trait
-from hil.models.model import ALL, RobotModel, Use
+from hil.models.model import ALL, RobotModel, Use, Value
 from hil.models.robots import IndependentAxes, Robot, bare_robot
 from hil.record.recording import Recording
 from hil.work import single_threaded
@@ -215,14 +215,14 @@ def _refitted(
     content = replace(content, lost=(*lost, *content.lost))
     steps: tuple[Step, ...] = (before,) if after is before else (before, after)
     notes = [text for _, text in after.result.warnings]
-    notes += _stood_in(model, left, lost) + _moved(before.result, after.result)
+    notes += _stood_in(model, left, lost) + _anew(model, before.result)
+    notes += _moved(before.result, after.result)
     if base is not None:
         notes.append(_leans(base))
-    if content.bodies is None or not words.bodies:
-        return Within(content, after.result.model, steps, (*notes, *refit.held))
-    found = _feasible(content, _measured(after.result), mended)
+    asked = content.bodies is not None and words.bodies
+    found = _feasible(content, _measured(after.result), mended) if asked else None
     if found is None:
-        return Within(content, after.result.model, steps, (*notes, *refit.held))
+        return Within(content, after.result.model, steps, (*notes, *_worthless(steps), *refit.held))
     notes.append(_said(found))
     if not holdout:
         notes.append("the bodies were found on all the data, the held-out blocks included")
@@ -231,7 +231,27 @@ def _refitted(
     steps = (*steps, Step("feasible bodies", result, examine(result)))
     content = translate(result.model, problem.robot, words, problem.span)
     content = replace(content, bodies=found.bodies, lost=(*lost, *content.lost))
-    return Within(content, result.model, steps, (*notes, *refit.held))
+    return Within(content, result.model, steps, (*notes, *_worthless(steps), *refit.held))
+
+
+def _worthless(steps: Sequence[Step]) -> list[str]:
+    """A note on joints whose effort no model at all would foretell better than what is written."""
+    first, last = steps[0], steps[-1]
+    joints = last.result.problem.joints
+    bad = [
+        f"{joint} {was:.3g} -> {now:.3g} %"
+        for joint, was, now in zip(
+            joints, first.heldout.relative, last.heldout.relative, strict=True
+        )
+        if now > max(100.0, was)
+    ]
+    if not bad:
+        return []
+    return [
+        f"warning: what is written is worse than no model at all ({', '.join(bad)} of the effort "
+        "on left-out data). Export to c, cpp or python, which have a word for every law, or add "
+        "what is lost in your program and export without --data"
+    ]
 
 
 @dataclass
@@ -302,22 +322,34 @@ _BEYOND, _SHARE, _MOST_TOLD = 3.0, 0.1, 5
 
 def _moved(before: FitResult, after: FitResult) -> list[str]:
     """A note on values that took up what the target lacks; empty where none did."""
+    if not (told := _changes(before.values, after.values)):
+        return []
+    return [
+        f"values that take up what is lost: {told}; without --data they stay, for a program in "
+        "which you add the lost effect yourself"
+    ]
+
+
+def _anew(model: RobotModel, result: FitResult) -> list[str]:
+    """A note on values of the model file that a fit to the data moved; empty where none did."""
+    if not (told := _changes(model.values(), result.values)):
+        return []
+    return [f"values were fitted anew to --data: {told}; without --data they stay"]
+
+
+def _changes(before: Mapping[str, Value], after: Mapping[str, Value]) -> str:
+    """Values that clearly differ, the largest change first; a few of them."""
     found = []
-    for name in before.values.keys() & after.values.keys():
-        old, new = before.values[name], after.values[name]
-        change = abs(new.value - old.value)
-        if old.identifiable and change > max(_BEYOND * old.stderr, _SHARE * abs(old.value)):
+    for name in before.keys() & after.keys():
+        old, new = before[name], after[name]
+        change, sure = abs(new.value - old.value), old.stderr if old.stderr == old.stderr else 0.0
+        if old.identifiable and change > max(_BEYOND * sure, _SHARE * abs(old.value)):
             unit = "" if old.unit == "1" else f" {old.unit}"
             text = f"{name} {old.value:.4g} -> {new.value:.4g}{unit}"
             found.append((-change / max(abs(old.value), 1e-300), text))
-    if not found:
-        return []
     told = [text for _, text in sorted(found)]
     more = f", and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
-    return [
-        f"values that take up what is lost: {', '.join(told[:_MOST_TOLD])}{more}; without --data "
-        "they stay, for a program in which you add the lost effect yourself"
-    ]
+    return ", ".join(told[:_MOST_TOLD]) + more
 
 
 def reduced(

@@ -11,7 +11,7 @@ import pytest
 
 from hil.cli import main
 from hil.export import target
-from hil.models.files import write_model
+from hil.models.files import read_model, write_model
 from hil.models.model import Range, RobotModel, Use, Value
 from hil.record.export import write_recordings
 from hil.record.mcap_read import load
@@ -41,6 +41,38 @@ def test_a_refit_prints_both_errors_and_what_is_lost(folder, capsys):
 
 def test_what_loses_nothing_has_one_error(made):
     assert [s.label for s in made("c").steps] == ["whole model"] and not made("c").lost
+
+
+def test_values_that_the_data_move_are_told(folder, capsys):
+    """Nothing is lost, and yet the file that was written had other values than the model."""
+    words = ["export", folder / "arm.toml", "--to", "python", "--data", folder / "run1.mcap"]
+    assert main([str(w) for w in [*words, "-o", folder / "same.py"]]) == 0
+    assert "fitted anew" not in capsys.readouterr().out
+    model = read_model(folder / "arm.toml")
+    name, value = next((n, v) for n, v in model.values().items() if n.endswith("viscous.fv"))
+    uses = tuple(
+        replace(
+            u, values={n: replace(v, value=3.0) if n == name else v for n, v in u.values.items()}
+        )
+        for u in model.effects
+    )
+    write_model(replace(model, effects=uses), folder / "other.toml")
+    words[1] = folder / "other.toml"
+    assert main([str(w) for w in [*words, "-o", folder / "other.py"]]) == 0
+    said = capsys.readouterr().out
+    assert f"fitted anew to --data: {name} 3 -> {value.value:.4g} " in said
+
+
+def test_an_export_that_foretells_less_than_nothing_says_so(made):
+    (step,) = made("c").steps
+    joint = step.result.problem.joints[0]
+    assert target._worthless([step, step]) == []
+    worse = replace(step, heldout=replace(step.heldout, residual=9 * step.result.problem.effort))
+    first, last = step.heldout.relative[0], worse.heldout.relative[0]
+    assert last > 100
+    (said,) = target._worthless([step, worse])
+    assert said.startswith("warning: ") and f"{joint} {first:.3g} -> {last:.3g} %" in said
+    assert target._worthless([worse, worse]) == []  # it was so before anything was lost
 
 
 def test_json(folder, capsys):
