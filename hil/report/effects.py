@@ -382,17 +382,20 @@ def _binned(
     column: int,
     legend: bool,
 ) -> None:
-    """Mean, quartiles and fitted curve in bins."""
+    """Mean and quartiles in bins that hold enough; the fitted curve in all that hold anything."""
     where = np.where(np.isfinite(y), np.digitize(v.x, v.edges) - 1, -1)
-    rows = []
+    rows, drawn = [], []
     for k in range(v.edges.size - 1):
         own = which & (where == k)
+        # a curve ends where nothing is, and goes on behind it
+        drawn.append((v.x[own].mean(), curve[own].mean()) if own.any() else (np.nan, np.nan))
         if np.sum(own) >= FEWEST:
             q1, q3 = np.quantile(y[own], [0.25, 0.75])
-            rows.append((v.x[own].mean(), y[own].mean(), q1, q3, curve[own].mean()))
+            rows.append((v.x[own].mean(), y[own].mean(), q1, q3))
     if not rows:
         return
-    x, mean, q1, q3, fitted = np.array(rows).T
+    x, mean, q1, q3 = np.array(rows).T
+    at, fitted = np.array(drawn).T
     wide = {
         "type": "data",
         "symmetric": False,
@@ -408,7 +411,7 @@ def _binned(
     else:
         points["marker"]["symbol"] = "square-open"
     put(points, row=1, col=column)
-    put(line(x, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
+    put(line(at, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
 
 
 def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
@@ -469,18 +472,23 @@ def learnt_json(result: FitResult) -> list[dict[str, Any]]:
 
 
 def _means(x: Any, data: Any, law: Any, edges: Any) -> dict[str, list[float | None]]:
-    """Means over the bins that hold enough."""
+    """Means over bins: of the law where any instant is, of the data where enough are; else None."""
     k = np.digitize(x, edges)
     count = np.bincount(k, minlength=edges.size + 1)[1:-1]
-    good = count > 5
-    mean = [
-        np.bincount(k, y, minlength=edges.size + 1)[1:-1][good] / count[good]
-        for y in (x, data, law)
-    ]
-    return {
-        name: [rounded(float(v), 4) for v in y]
-        for name, y in zip(("x", "data", "law"), mean, strict=True)
+    some = np.flatnonzero(count)
+    if not some.size:
+        return {"x": [], "data": [], "law": []}
+    used = slice(some[0], some[-1] + 1)
+    total = {
+        name: np.bincount(k, y, minlength=edges.size + 1)[1:-1]
+        for name, y in (("x", x), ("data", data), ("law", law))
     }
+    with np.errstate(invalid="ignore"):
+        mean = {name: (y / count)[used] for name, y in total.items()}
+    middle = ((edges[:-1] + edges[1:]) / 2)[used]
+    mean["x"] = np.where(count[used] > 0, mean["x"], middle)
+    mean["data"] = np.where(count[used] >= FEWEST, mean["data"], np.nan)
+    return {name: [rounded(float(v), 4) for v in y] for name, y in mean.items()}
 
 
 def _picked(n: int) -> Any:

@@ -56,6 +56,7 @@ export function plot(canvas, { xs, ys, xlabel, ylabel, layers, band = null, brus
       g.lineWidth = layer.width || 1.3; g.beginPath();
       let open = false;
       for (let k = 0; k < layer.x.length; k++) {
+        if (layer.y[k] === null) { open = false; continue; }  // nothing is known there
         const gap = layer.group && k && layer.group[k] !== layer.group[k - 1];
         if (open && !gap) g.lineTo(x(layer.x[k]), y(layer.y[k])); else g.moveTo(x(layer.x[k]), y(layer.y[k]));
         open = true;
