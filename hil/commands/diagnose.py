@@ -48,6 +48,7 @@ from hil.report.text import (
     floor_says,
     headline,
     laws,
+    listed,
     next_steps,
     of_geometry,
     percent,
@@ -146,6 +147,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         sure = [f for f in d.findings if f.confidence >= CONFIDENT]
         noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
+        lines += _alike(d, sure)
     lines += ["", _joints_table(d, rungs)]
     said = [line.strip() for line in _left(d)[1:]]
     beside = set(LEADING) - {NO_GEOMETRY}
@@ -174,6 +176,21 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
     lines += commands
     lines.append("  - All parameters, all steps and open questions: --verbose, --report R.html")
     return "\n".join(lines)
+
+
+def _alike(d: Diagnosis, sure: list[Finding]) -> list[str]:
+    """Effects that act in this motion like one that is named: it may hold their part, too."""
+    sets, standing = at_issue_of(d)
+    lines = []
+    for f in sure:
+        others = [n for s in (*sets, *standing) if f.effect in s.effects for n in s.effects]
+        others = [n for n in dict.fromkeys(others) if n != f.effect and n in catalogue.table()]
+        if others:
+            lines.append(
+                f"  {where(f)} acts like {listed(others)} in this motion: where both act, its "
+                "values hold the part of both"
+            )
+    return lines
 
 
 #: Steps that a short answer proposes.

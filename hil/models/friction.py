@@ -394,6 +394,8 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
 LUGRE = 2.0
 #: Words for its values.
 FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+#: Displacement of each loop, in units of s.
+WIDTHS = {"f1": 1, "f2": 3, "f3": 9}
 #: Least displacement over which friction builds up, in units of the least that is tried.
 FORM_REACH = 1.1
 #: Share of the friction that loops carry at least, to be more than the error of a sign's form.
@@ -407,7 +409,7 @@ def _loops(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         loops = _lugre(q, motion.qd[:, j], s, float(shape[3]), motion.dt)
     else:
         state = slip_state if shape[1] == 0.0 else dahl_state
-        loops = [state(q, k * s) for k in (1.0, 3.0, 9.0)]
+        loops = [state(q, k * s) for k in WIDTHS.values()]
     return np.stack([motion.sign(j, float(shape[2])), *loops]).T
 
 
@@ -424,8 +426,14 @@ def _presliding_state(
 
 
 def _presliding_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
-    """LuGre's law without a rise of its level is Dahl's."""
-    if values["form"] != LUGRE or values["f2"] > VALUE_DEVIATIONS * errors["f2"]:
+    """LuGre's law without a rise of its level is Dahl's; s is not the width of every loop."""
+    if values["form"] != LUGRE:
+        most = max(WIDTHS, key=lambda n: values[n])
+        times = WIDTHS[most]
+        if times == 1:
+            return ""
+        return f"{most} builds up over {times} s = {times * values['s']:.4g}, in the unit of s"
+    if values["f2"] > VALUE_DEVIATIONS * errors["f2"]:
         return ""
     return (
         f"its rise at low speed (f2) is within {VALUE_DEVIATIONS:g} standard errors of zero: read "

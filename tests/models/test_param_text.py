@@ -91,6 +91,9 @@ def test_lugre_without_a_rise_is_called_dahl():
     assert "Dahl" in remark("presliding", full)
     full["j1.presliding.form"] = Value(1.0)
     assert remark("presliding", full) == ""
+    # a displacement of nine times s had been told as s
+    full["j1.presliding.f3"] = Value(0.9, 0.02)
+    assert remark("presliding", full) == "f3 builds up over 9 s = 4.5, in the unit of s"
     assert remark("viscous", {}) == ""
 
 

@@ -10,6 +10,7 @@ import pytest
 from test_report import model
 
 from hil import terminal
+from hil.commands import diagnose as diagnose_command
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import (
@@ -321,6 +322,20 @@ def test_of_rivals_only_those_are_to_be_separated_that_the_answer_lists(plain):
     assert either.endswith("For predictions use either.")
     m = replace(m, sets=[sets[0], replace(sets[1], experiment="slow strokes")])
     assert "record the motion that separates them" in next_steps(m)[0]
+
+
+def test_a_sure_name_says_what_acts_like_it_in_this_motion(monkeypatch, plain):
+    """A spring beside a weight had been told as a weight of 18.07 +- 0.26 N m, which was 11."""
+    sets = [
+        Indistinguishable(("unbalance", "spring"), "", EITHER),
+        Indistinguishable(("torque-gain", "every other parameter"), "", ""),
+    ]
+    monkeypatch.setattr(diagnose_command, "at_issue_of", lambda d: (sets[:1], sets[1:]))
+    one, other = (replace(finding(n), confidence=0.95) for n in ("unbalance", "torque-gain"))
+    (line,) = diagnose_command._alike(plain, [one, other])
+    assert line.strip().startswith("unbalance on joint1 acts like spring in this motion: ")
+    d = replace(plain, verdict="missing-effect", findings=[one])
+    assert line in diagnose_command.short(d, ladder(d), None)
 
 
 def test_a_name_that_is_doubtful_without_a_rival_says_why(plain):
