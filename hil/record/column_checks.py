@@ -592,6 +592,14 @@ def refuse_units(
                 f"{table.option('unit', joint.unit)})"
             )
         if unit_doubt(q, joint, bool(joints)):
+            if joint.unit == "rad" and not bounded:
+                raise DataError(
+                    f"table {table.path}: q{k + 1} ({name}) runs from {q.min():.4g} to "
+                    f"{q.max():.4g}, in rad or in degrees? Say {table.option('unit', 'rad')} if it "
+                    f"turns so often, {table.option('unit', 'deg')} if these are degrees; or say "
+                    f'it in a map: unit = "rad" under [robot], or [columns] q{k + 1} = '
+                    f'{{ from = "{source}", scale = 0.0174532925199433 }}'
+                )
             units, degrees = other_units(q, joint), joint.unit == "rad"
             what, scale = " or ".join(units), " or ".join(f"{x:.15g}" for x in units.values())
             limits = f" (limits {joint.lower:.4g} to {joint.upper:.4g})" if bounded else ""

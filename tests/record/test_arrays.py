@@ -230,7 +230,7 @@ def test_what_is_said_of_a_frame_is_said_in_python(plain):
         hil.from_arrays(frame)
     assert "hil import" not in str(told.value)
     wide = 15 * plain.q / np.ptp(plain.q)
-    with pytest.raises(DataError, match=r'or unit="rad"') as told:
+    with pytest.raises(DataError, match=r'Say unit="rad" if it turns so often') as told:
         hil.from_arrays(plain.t, np.vstack([wide, wide[::-1]])[: plain.n], plain.tau)
     assert hil.from_arrays(plain.t, wide, plain.tau, unit="rad").d == 1
     with pytest.raises(DataError, match="float32, which holds times since 1970 to 128 s"):

@@ -307,7 +307,7 @@ def test_a_unit_that_was_said_is_not_doubted_afterwards(tmp_path, capsys):
     table = write_csv(tmp_path / "a.csv", turning)
     words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
     assert main(words) == 2
-    assert "look like degrees" in capsys.readouterr().err
+    assert "in rad or in degrees? Say --unit rad" in capsys.readouterr().err
     assert main([*words, "--unit", "rad"]) == 0
     assert main(["info", str(tmp_path / "s.mcap")]) == 0
     assert "in degrees?" not in capsys.readouterr().out
