@@ -120,6 +120,10 @@ class Pull:
         return np.asarray(share > MOSTLY)
 
 
+#: Where the metric of a robot's own bodies is kept: it is asked for at every solution.
+_DESCRIBED_ROWS = ("described rows",)
+
+
 def described(problem: Problem, terms: Sequence[Term], places: Sequence[slice]) -> FloatArray:
     """Rows R (m, p) of the metric for some terms' coefficients; m = 0 without a description."""
     size = places[-1].stop if places else 0
@@ -127,8 +131,10 @@ def described(problem: Problem, terms: Sequence[Term], places: Sequence[slice]) 
     for t, where in zip(terms, places, strict=True):
         if tree is None or t.fixed or Trait.BODY not in t.effect.traits:
             continue
-        bodies = (tree.spread @ known).reshape(-1, 10)
-        own = _metric(bodies) @ tree.spread
+        own = problem.memo.get(_DESCRIBED_ROWS)
+        if own is None:
+            bodies = (tree.spread @ known).reshape(-1, 10)
+            own = problem.memo[_DESCRIBED_ROWS] = _metric(bodies) @ tree.spread
         out = np.zeros((len(own), size))
         out[:, where] = own
         return out
