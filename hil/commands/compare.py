@@ -10,6 +10,7 @@ from hil.diagnosis import verbs
 from hil.diagnosis.residuals import nowhere
 from hil.diagnosis.verbs import Comparison
 from hil.diagnosis.verdict import NO_GEOMETRY
+from hil.errors import ConfigError
 from hil.models.model import Band
 from hil.report.data import comparison_json
 
@@ -27,12 +28,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="keep the model's values; without it all are fitted again to these sessions",
     )
+    parser.add_argument(
+        "--like",
+        default="",
+        metavar="RUN",
+        help="with --as-is: fitted run whose own values (payload, offset) a new run gets",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
+    if args.like and not args.as_is:
+        raise ConfigError("--like is of --as-is: without it each run is given values of its own")
     runs, held, model = common.load(args)
-    found = verbs.compare(runs, model, held, as_is=args.as_is)
+    found = verbs.compare(runs, model, held, as_is=args.as_is, like=args.like)
     common.deliver(
         args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hil import work
 from hil.diagnosis.columns import mistaken
-from hil.diagnosis.constants import BEYOND
+from hil.diagnosis.constants import BEYOND, TENTH
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
 from hil.diagnosis.heldout import Examiner, differences, settled
@@ -22,6 +22,7 @@ from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
 from hil.errors import ConfigError, DataError, listed_names
+from hil.identify.context import renew
 from hil.identify.fit import outside
 from hil.identify.gauss_newton import complete
 from hil.identify.multistep import MultiStep, both, each
@@ -157,6 +158,7 @@ def compare(
     holdout: Runs | None = None,
     *,
     as_is: bool = False,
+    like: str = "",
     simulate: bool = True,
     fitted: Callable[[FitResult, HeldOut], None] = lambda result, held: None,
     before: Comparison | None = None,
@@ -169,6 +171,9 @@ def compare(
         Runs to fit, model, runs to judge on.
     as_is : bool
         Whether the model keeps its values, in place of a fit of all of them.
+    like : str
+        Fitted run whose own values (a payload, an offset) runs that were not fitted get then;
+        default their median.
     simulate : bool
         Whether the model is simulated over short horizons.
     fitted : callable
@@ -187,14 +192,17 @@ def compare(
         If an argument is of another kind.
     """
     recordings, model = as_runs(recordings, "hil.compare"), as_model(model, "hil.compare")
-    of_others = _of_other_runs(model, recordings) if as_is else []
-    model = model.as_it_is([r.name for r in recordings]) if as_is else model
+    if like and not as_is:
+        raise ConfigError("like is of as_is: without it each run is given values of its own")
+    given, names = model, [r.name for r in recordings]
+    model = given.as_it_is(names, like) if as_is else given
     work.at("fit", 0.0)
     rows, judged = (before.result.problem, before.judged) if before else (None, None)
     problem = make_problem(recordings, model, rows)
     examine = Examiner(problem, held_out(holdout, "hil.compare"), judged)
     step = settled(fit_aligned(problem, model), examine, "model")
     result, heldout = complete(step.result), step.heldout
+    of_others = _of_other_runs(given, names, like, result) if as_is else []
     fitted(result, heldout)
     work.at("measure the noise floor", 0.15)
     evidence = gather(result)
@@ -235,19 +243,46 @@ def _as_fault(note: tuple[str, str]) -> DataFault:
     return DataFault(note[0], "warning", "", note[1], note if isinstance(note, Note) else None)
 
 
-def _of_other_runs(model: RobotModel, recordings: Sequence[Recording]) -> list[tuple[str, str]]:
-    """Notes (code, sentence) of effects with values of single runs, of which these are none."""
-    out = []
+def _of_other_runs(
+    model: RobotModel, names: Sequence[str], like: str, result: FitResult
+) -> list[tuple[str, str]]:
+    """Notes (code, sentence) of effects with values of single runs, of which these are none.
+
+    `result` is what the model leaves of these runs as it is.
+    """
+    out, everyone = [], set[str]()
     for use in model.effects:
         fitted = {run for known in of_runs(use).values() for run in known}
-        new = [r.name for r in recordings if r.name not in fitted]
-        if fitted and new:
-            text = (
+        if fitted and (new := [n for n in names if n not in fitted]):
+            everyone |= fitted
+            taken = f"those of {like} are" if like in fitted else "their median is"
+            out.append(
                 f"{use.type} has values of {', '.join(sorted(fitted))} alone; for "
-                f"{', '.join(new)} their median is taken. Without --as-is each run is given its own"
+                f"{', '.join(new)} {taken} taken"
             )
-            out.append(("other-runs", text))
-    return out
+    if not out:
+        return []
+    nearest = _nearest(model, names, sorted(everyone - {like}), result)
+    return [("other-runs", f"{said}{nearest}") for said in out]
+
+
+def _nearest(
+    model: RobotModel, names: Sequence[str], fitted: Sequence[str], result: FitResult
+) -> str:
+    """What the values of another fitted run would leave, where that is clearly less."""
+    j = int(np.argmax(result.relative))
+    left = {
+        run: float(fit_as_stated(result.problem, model.as_it_is(names, run)).relative[j])
+        for run in fitted
+    }
+    renew(result)
+    best = min(left, key=lambda run: left[run], default="")
+    if not best or left[best] > (1 - TENTH) * result.relative[j]:
+        return ". Without --as-is each run is given its own"
+    return (
+        f". With those of {best} the error of {result.problem.joints[j]} would be "
+        f"{left[best]:.3g} instead of {result.relative[j]:.3g} % (--like {best})"
+    )
 
 
 @dataclass(frozen=True, repr=False)

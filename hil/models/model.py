@@ -221,7 +221,7 @@ class RobotModel(Shown):
         """Whether some of its values are kept as they are when it is fitted."""
         return any(u.options.get("fixed") for u in self.effects)
 
-    def as_it_is(self, runs: Sequence[str] = ()) -> RobotModel:
+    def as_it_is(self, runs: Sequence[str] = (), like: str = "") -> RobotModel:
         """The model with all its values kept: a fit of it fits nothing.
 
         Filters and shift are those that it was fitted with, where `band` does not say otherwise.
@@ -231,12 +231,17 @@ class RobotModel(Shown):
         runs : sequence of str
             Runs that it is to foretell.  Where an effect has values of every run, one that was
             never fitted gets the median of the others.
+        like : str
+            Fitted run whose values those get instead.
 
         Raises
         ------
         ConfigError
-            If an effect has no values.
+            If an effect has no values, or none is of the run that others are to be like.
         """
+        fitted = {run for u in self.effects for known in of_runs(u).values() for run in known}
+        if like and like not in fitted:
+            raise ConfigError(unknown("run with values of its own", like, fitted))
         empty = [u.type for u in self.effects if not u.values and not self._replaced(u)]
         # a rotor that is part of an axis' only inertia has none, and a description its own masses
         known = Trait.BODY | Trait.ROTOR
@@ -247,7 +252,9 @@ class RobotModel(Shown):
                 "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
             )
         kept = {"fixed": True, "fixed_shape": True}
-        effects = tuple(replace(_in_runs(u, runs), options=u.options | kept) for u in self.effects)
+        effects = tuple(
+            replace(_in_runs(u, runs, like), options=u.options | kept) for u in self.effects
+        )
         return replace(self, effects=effects, band=self.band.beside(self.fitted))
 
     def _replaced(self, use: Use) -> bool:
@@ -378,13 +385,14 @@ def of_runs(use: Use) -> dict[str, dict[str, Value]]:
     return out
 
 
-def _in_runs(use: Use, runs: Sequence[str]) -> Use:
+def _in_runs(use: Use, runs: Sequence[str], like: str) -> Use:
     """An effect with values for all of some runs, see `RobotModel.as_it_is`."""
     more: dict[str, Value] = {}
     for name, known in of_runs(use).items():
         # one odd run of several does not draw the median away from the others
         usual = float(np.median([v.value for v in known.values()]))
         other = replace(next(iter(known.values())), value=usual, stderr=float("nan"))
+        other = known.get(like, other)
         more |= {f"{name}[{run}]": known.get(run, other) for run in runs}
     return replace(use, values=use.values | more)
 

@@ -10,6 +10,7 @@ import hil
 from hil.commands.diagnose import text
 from hil.diagnosis.attribution import Named
 from hil.diagnosis.types import Candidate, Diagnosis
+from hil.errors import ConfigError
 from hil.identify.design import Term
 from hil.models import catalogue
 from hil.models.files import read_model, write_model
@@ -266,3 +267,14 @@ def test_differences_between_runs_say_from_which_run_they_count(tmp_path) -> Non
     assert other.result.values["payload.m[new]"].value == pytest.approx(mass / 2)
     (said,) = [f.text for f in other.faults if f.code == "other-runs"]
     assert "payload has values of" in said and "for new their median is taken" in said
+    # it carries what one of the fitted runs carried: the answer says which, and it can be chosen
+    assert f"(--like {runs[1].name})" in said
+    new = [replace(runs[1], name="new")]
+    like = hil.compare(new, model, as_is=True, like=runs[1].name, simulate=False)
+    assert np.all(like.result.relative < 1.3 * result.relative)
+    (said,) = [f.text for f in like.faults if f.code == "other-runs"]
+    assert f"for new those of {runs[1].name} are taken" in said and "--like" not in said
+    with pytest.raises(ConfigError, match="unknown run with values of its own 'monday'"):
+        hil.compare(new, model, as_is=True, like="monday")
+    with pytest.raises(ConfigError, match="like is of as_is"):
+        hil.compare(new, model, like=runs[1].name)
