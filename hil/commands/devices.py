@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from types import ModuleType
 
-from hil import registry
+from hil import registry, terminal
 from hil.commands.run import named
 from hil.errors import ConfigError, HilError
 from hil.rig import boxes
@@ -204,16 +204,11 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:
-        sys.stdout.write(text(rows) + "\n")
+        terminal.out(text(rows))
     return 3 if any(row["reachable"] == "no" for row in rows) else 0
 
 
 def text(rows: list[dict[str, str]]) -> str:
-    """Rows as an aligned table."""
+    """Rows as a table within the terminal."""
     names = ("device", "driver", "backend", "reachable", "what")
-    table = [names, *(tuple(row[n] for n in names) for row in rows)]
-    width = [max(len(line[k]) for line in table) for k in range(len(names))]
-    return "\n".join(
-        "  ".join(cell.ljust(w) for cell, w in zip(line, width, strict=True)).rstrip()
-        for line in table
-    )
+    return terminal.table(names, [[row[n] for n in names] for row in rows], range(len(names)))
