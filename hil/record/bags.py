@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from hil.record.locked import (
     refuse_beyond,
 )
 from hil.record.recording import BAG, BEGAN, LOCKED, UNWRAPPED, Recording, RobotSource, refuse_names
-from hil.record.schema import LIBRARY
+from hil.record.schema import LIBRARY, written_by
 
 FloatArray = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -36,7 +37,6 @@ GAP = 10.0
 FEWEST, LONGEST_PERIOD = 20, 0.05
 _STATES = ("sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState")
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
-_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True)
@@ -149,21 +149,8 @@ def is_bag(path: str | Path) -> bool:
 
 def _is_session(path: Path) -> bool:
     """Whether an MCAP file says in its header that this program wrote it; so do damaged ones."""
-    with path.open("rb") as file:
-        head = file.read(256)
-    if not head.startswith(_MAGIC) or len(head) < 21:
-        return True  # what is no MCAP file at all, the reader of sessions says better
-    return LIBRARY.encode() in _strings(head[17:])
-
-
-def _strings(data: bytes) -> list[bytes]:
-    """The two strings of the header record: profile and library."""
-    out: list[bytes] = []
-    for _ in range(2):
-        size = int.from_bytes(data[:4], "little")
-        out.append(data[4 : 4 + size])
-        data = data[4 + size :]
-    return out
+    # what is no MCAP file at all, the reader of sessions says better
+    return written_by(path) in (None, LIBRARY)
 
 
 def read_bag(path: str | Path, choice: BagChoice | None = None) -> list[Recording]:
@@ -198,6 +185,12 @@ def _open(path: Path) -> _Bag:
         arrays = read_arrays(path)
     except OSError as error:
         raise DataError(f"bag {path}: {error.strerror or error}") from error
+    except DataError as error:
+        if path.suffix.lower() != ".mcap":
+            raise
+        how = f"{shlex.join(['hil', 'info', str(path)])} --recover OUT.mcap"
+        said = str(error).rstrip(".")
+        raise DataError(f"{said}. If it was cut off, '{how}' writes what is left of it") from error
     about = json.loads(np.asarray(arrays["about"]).tobytes())
     groups = []
     for k, told in enumerate(about["groups"]):

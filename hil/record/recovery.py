@@ -23,14 +23,14 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from hil.errors import ConfigError, DataError
 from hil.record.container import FILE_COPY, METADATA_COPY, RECOVERY, Container, read
-from hil.record.schema import LIBRARY
+from hil.record.schema import LIBRARY, written_by
 
 CHUNK_BYTES = 64 * 1024
 #: Bytes of a message record around its payload.
 FRAME = 31
 
 
-def mcap_writer(file: SessionFile, largest: int) -> Writer:
+def mcap_writer(file: SessionFile, largest: int, library: str = LIBRARY) -> Writer:
     """Started MCAP writer whose chunks stay within 64 KiB.
 
     Parameters
@@ -39,6 +39,8 @@ def mcap_writer(file: SessionFile, largest: int) -> Writer:
         Where to.
     largest : int
         Size of the largest payload [byte]; a chunk is closed after the message that fills it.
+    library : str
+        Whose file it says it is: what is left of a bag stays a bag.
     """
     writer = Writer(
         cast(IO[Any], file),
@@ -50,7 +52,7 @@ def mcap_writer(file: SessionFile, largest: int) -> Writer:
     # a list of objects would grow by more than a megabyte a minute
     if getattr(writer, "_Writer__chunk_indices", None) == []:
         vars(writer)["_Writer__chunk_indices"] = ChunkIndices()
-    writer.start(profile="ros2", library=LIBRARY)
+    writer.start(profile="ros2", library=library)
     return writer
 
 
@@ -314,7 +316,7 @@ def recover(
         raise ConfigError(f"{target} exists; name a new file to recover into")
     largest = max(int(t.sizes.max()) for t in box.topics.values() if len(t))
     with create(target, overwrite=False) as file:
-        writer = mcap_writer(file, largest)
+        writer = mcap_writer(file, largest, written_by(source) or LIBRARY)
         numbers = _head(writer, box, more or {})
         for name, k in _in_order(box):
             t = box.topics[name]

@@ -39,6 +39,8 @@ EVENT_SCHEMA = (
 )
 #: Library that the header of a session names.
 LIBRARY = "hil"
+#: First bytes of an MCAP file.
+MAGIC = b"\x89MCAP0\r\n"
 PARTS = ("position", "velocity", "effort")
 #: Stamps [s] from here on do not fit into a ROS 2 message.
 LAST_S = 2**31
@@ -400,3 +402,16 @@ def numbers(channel: Topic) -> dict[str, FloatArray]:
             f"topic {channel.name}: type {channel.schema!r} is not one of named float64"
         )
     return dict(zip(names, values.T, strict=True))
+
+
+def written_by(path: str | Path) -> str | None:
+    """Library that the header of an MCAP file names; None where it is no such file."""
+    with Path(path).open("rb") as file:
+        head = file.read(256)
+    if not head.startswith(MAGIC) or len(head) < 21:
+        return None
+    data, found = head[17:], ""
+    for _ in ("profile", "library"):
+        size = int.from_bytes(data[:4], "little")
+        found, data = data[4 : 4 + size].decode("utf-8", "replace"), data[4 + size :]
+    return found

@@ -466,3 +466,18 @@ def test_what_a_controller_wants_and_a_jaw_that_rests_are_no_arms(tmp_path):
     assert [r.arm for r in read_bag(bag.path)] == ["PSM1", "PSM2"]
     (one,) = read_bag(bag.path, BagChoice(arm="PSM2"))
     np.testing.assert_array_equal(one.q, -q)
+
+
+def test_a_bag_that_was_cut_off_is_recovered_as_a_bag(tmp_path, capsys):
+    """It was refused without a way out, and what was recovered "is a session already"."""
+    bag = simple(tmp_path, "mcap")
+    whole = next(Path(bag).glob("*.mcap")) if Path(bag).is_dir() else Path(bag)
+    cut, left = tmp_path / "cut.mcap", tmp_path / "left.mcap"
+    cut.write_bytes(whole.read_bytes()[:-300])
+    with pytest.raises(ValueError, match=r"hil info .*cut\.mcap --recover OUT\.mcap"):
+        read_bag(cut)
+    assert main(["info", str(cut), "--recover", str(left)]) == 0
+    capsys.readouterr()
+    assert is_bag(left)
+    (r,) = read_bag(left)
+    assert r.n > 0.5 * T.size and r.joints == ("shoulder", "elbow")
