@@ -10,6 +10,7 @@ from __future__ import annotations
 import glob
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -327,7 +328,9 @@ def show(words: Sequence[str]) -> int:
     prompt: PromptSession[str] = PromptSession(
         history=InMemoryHistory(),
         completer=_completer(program),
-        bottom_toolbar=lambda: formatted(lines(program.snapshot()[1])),
+        bottom_toolbar=lambda: formatted(
+            folded(lines(program.snapshot()[1]), shutil.get_terminal_size().columns)
+        ),
         refresh_interval=EVERY,
         style=_style(),
     )
@@ -444,6 +447,28 @@ def usage(snapshot: Mapping[str, Any]) -> str:
 def formatted(rows: Sequence[Sequence[Part]]) -> Any:
     """Lines as the terminal library takes them."""
     return [part for row in rows for part in (*row, ("", "\n"))][:-1]
+
+
+#: Where a line of the screen may go on below: before a quantity, or behind a comma.
+_BREAK = re.compile(r"(?<=\S)(?=   [a-z])|(?<=,)(?= [A-Za-z])")
+#: How far to the right it goes on.
+_FURTHER = 10
+
+
+def folded(rows: Sequence[Sequence[Part]], wide: int) -> list[list[Part]]:
+    """Lines that end within a terminal of so many columns; what is beyond goes on below."""
+    out: list[list[Part]] = []
+    for row in rows:
+        line, used = list[Part](), 0
+        for style, text in row:
+            for piece in _BREAK.split(text):
+                if used > _FURTHER and used + len(piece) > wide:
+                    out.append(line)
+                    line, used, piece = [("", " " * _FURTHER)], _FURTHER, piece.lstrip()
+                line.append((style, piece))
+                used += len(piece)
+        out.append(line)
+    return out
 
 
 def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
