@@ -440,10 +440,12 @@ def finish(
     out.network += [s for s in explainable(result, out.last.floor) if s.joint not in told]
     if out.verdict == "adequate":
         # what is less than efforts are known to needs no explanation, nor what sensors do
-        felt = alarms(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
-        falls = foretold(result)
+        least = alarming(result.problem) * result.problem.rms(result.problem.effort)
+        excused, falls = of_noise(out.ladder[-1], out.last, out.floor), foretold(result)
         if falls is not None:
-            falls = {j: x for j, x in falls.items() if felt[j]}
+            # not the whole error counts, but what a function takes of it
+            felt = {j: x * result.rms[j] ** 2 > least[j] ** 2 for j, x in falls.items()}
+            falls = {j: x for j, x in falls.items() if felt[j] and not excused[j]}
         out.beyond = None if falls is None else max([0.0, *falls.values()])
         out.network = hidden(result, falls or {})
         if out.network:

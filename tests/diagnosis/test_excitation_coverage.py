@@ -1,11 +1,15 @@
 """What a motion could not show: computed from it, with a reason, told everywhere."""
 
+import numpy as np
 import plants
 import pytest
 
 from hil.commands.diagnose import text
+from hil.diagnosis import floor
+from hil.diagnosis import verdict as verdict_module
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.floor import HIDDEN_SHARE
+from hil.diagnosis.types import Explainable
 from hil.diagnosis.verbs import ladder
 from hil.models.model import base_model
 from hil.report.data import diagnosis_json
@@ -72,3 +76,28 @@ def test_an_error_at_the_floor_is_called_no_proof():
     assert d.beyond is not None and 0.0 <= d.beyond < HIDDEN_SHARE
     assert "An error at the noise floor is no proof" in text(d, ladder(d))
     assert diagnosis_json(d)["remaining"]["any_function"] == pytest.approx(d.beyond, rel=0.01)
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.9, "adequate"), (1.1, "unexplained")])
+def test_of_an_error_that_a_function_foretells_its_part_counts_and_not_the_whole(
+    monkeypatch, size, verdict
+):
+    """A function of the speed took 18 % of 1.14 % of the effort, and an effect was "missing"."""
+    asked = []
+
+    def fall(result):
+        """As much as is `size` of what leaves a model adequate."""
+        asked.append(result)
+        (effort,) = result.problem.rms(result.problem.effort)
+        return {0: (size * floor.alarming(result.problem) * effort / result.rms[0]) ** 2}
+
+    def told(result, falls):
+        return [Explainable("joint1", "", x, "", "its own speed") for x in falls.values()]
+
+    monkeypatch.setattr(floor, "alarming", lambda problem: 1e-4)
+    monkeypatch.setattr(verdict_module, "alarming", lambda problem: 1e-4)
+    monkeypatch.setattr(verdict_module, "foretold", fall)
+    monkeypatch.setattr(verdict_module, "hidden", told)
+    monkeypatch.setattr(verdict_module, "of_noise", lambda *a: np.array([False]))
+    out = answer(FAST)
+    assert asked and out.verdict == verdict
