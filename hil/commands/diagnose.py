@@ -402,7 +402,7 @@ def _names_table(d: Diagnosis) -> str:
         value = _late(d, f) or _telling(f, _contribution(d, f), d.result.problem)
         rows.append(
             [
-                f"{f.effect} on {f.joint}" if f.joint else f.effect,
+                f"{where(f)}{OR_A_RIVAL * _is_less_likely(f)}",
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 percent(f.excess_explained),
@@ -414,6 +414,15 @@ def _names_table(d: Diagnosis) -> str:
     notes = [ERRORS] if any(_later(d, f) for f in d.findings) else []
     notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in d.findings) else []
     return "\n  ".join([table, *notes])
+
+
+#: What stands behind a name that the model holds although a rival of it is likelier.
+OR_A_RIVAL = ", or a rival"
+
+
+def _is_less_likely(f: Finding) -> bool:
+    """Whether a rival of a name has more weight than the name itself."""
+    return bool(f.rivals) and max(f.rival_weights, default=0.0) > f.confidence
 
 
 def _late(d: Diagnosis, f: Finding) -> str:

@@ -338,6 +338,16 @@ def test_a_sure_name_says_what_acts_like_it_in_this_motion(monkeypatch, plain):
     assert line in diagnose_command.short(d, ladder(d), None)
 
 
+@pytest.mark.parametrize(("weight", "shown"), [(0.43, True), (0.05, False)])
+def test_a_name_with_a_likelier_rival_is_not_listed_as_the_missing_effect(plain, weight, shown):
+    """A coupled spring at 0.07 stood there alone, its rival of 0.43 in a line below."""
+    f = replace(finding("spring"), confidence=0.07, rivals=["unbalance"], rival_weights=[weight])
+    table = diagnose_command._names_table(replace(plain, findings=[f]))
+    assert ("spring on joint1, or a rival" in table) == shown
+    sure = diagnose_command._names_table(replace(plain, findings=[finding("spring")]))
+    assert "or a rival" not in sure
+
+
 def test_a_name_that_is_doubtful_without_a_rival_says_why(plain):
     doubtful = replace(finding("spring"), reason="gravity acts upwards beside it")
     m = replace(from_diagnosis(plain), verdict="ambiguous", findings=[doubtful], sets=[])
