@@ -5,7 +5,6 @@ What a bag does not say is not guessed: where two answers are possible, the impo
 
 from __future__ import annotations
 
-import difflib
 import json
 import shlex
 from collections.abc import Collection, Mapping, Sequence
@@ -332,10 +331,6 @@ def _description(bag: _Bag, arm: str) -> str:
     return texts[0] if texts else ""
 
 
-#: How much alike two names are from which one is a slip of the other.
-ALIKE = 0.8
-
-
 def _urdf(bag: _Bag, arm: str, chosen: BagChoice) -> str:
     """Text of the robot's description: the one that was named, else the bag's."""
     return chosen.robot or _description(bag, arm)
@@ -542,19 +537,26 @@ def _unknown(bag: _Bag, state: _Group, effort: _Group, known: Sequence[str]) -> 
     Raises
     ------
     DataError
-        If one is spelt much like a joint of the URDF that the bag lacks: that would stand still.
+        If one is spelt as a joint of the URDF that the bag lacks, but for case and signs: that
+        would stand still.
     """
     lacks = [n for n in known if n not in state.names]
     strange = [n for n in state.names if n not in known and _moves(state, n)]
     strange = [n for n in strange if _driven((effort, ""), n)] if known else []
+    near = {_letters(n): n for n in lacks}
     for name in strange:
-        if near := difflib.get_close_matches(name, lacks, n=1, cutoff=ALIKE):
+        if _letters(name) in near:
             raise DataError(
                 f"bag {bag.path}: {state.topic} has a joint {name}, which the URDF lacks, and the "
-                f"URDF has {near[0]}, which the topic lacks. Give them one name, in the URDF or in "
-                "the bag"
+                f"URDF has {near[_letters(name)]}, which the topic lacks. Give them one name, in "
+                "the URDF or in the bag"
             )
     return f"; not in the URDF, left out: {', '.join(strange)}" if strange else ""
+
+
+def _letters(name: str) -> str:
+    """A name without case and signs."""
+    return "".join(x for x in name.lower() if x.isalnum())
 
 
 def _called_otherwise(what: _Chosen, called: Mapping[str, str]) -> str:

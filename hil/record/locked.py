@@ -504,8 +504,8 @@ def _no_column(table: ForeignTable, names: Sequence[str], why: str) -> DataError
 def called_in(known: Sequence[str], names: Sequence[str], given: Sequence[str]) -> dict[str, str]:
     """Joints of a robot by the names that a recording has for them; empty where these are known.
 
-    Names that differ in one prefix and one suffix alone are matched where only one of each fits;
-    others by their order where the user gives it.
+    Names that differ in one prefix and one suffix alone are matched where only one of each fits
+    best, half of them or more; others by their order where the user gives it.
 
     Parameters
     ----------
@@ -521,19 +521,20 @@ def called_in(known: Sequence[str], names: Sequence[str], given: Sequence[str]) 
     if len(given) == len(names) and set(given) <= set(known):
         return dict(zip(names, given, strict=True))
     middles = _middles(names)
-    first = next(iter(middles.values()))
     frames = {
-        (n[:at], n[at + len(first) :])
+        (n[:at], n[at + len(m) :])
         for n in known
+        for m in middles.values()
         for at in range(len(n))
-        if n.startswith(first, at)
+        if m and n.startswith(m, at)
     }
     found = [
-        {name: before + m + after for name, m in middles.items()}
+        {name: before + m + after for name, m in middles.items() if before + m + after in known}
         for before, after in sorted(frames)
-        if all(before + m + after in known for m in middles.values())
     ]
-    return found[0] if len(found) == 1 else {}
+    most = max(map(len, found), default=0)
+    best = [x for x in found if len(x) == most]
+    return best[0] if len(best) == 1 and most >= max(2, len(names) / 2) else {}
 
 
 def _middles(names: Sequence[str]) -> dict[str, str]:

@@ -421,6 +421,13 @@ def test_joints_beyond_those_of_the_bag_do_not_hide_a_prefix(tmp_path):
     np.testing.assert_array_equal(r.q, motion()[0][:, ::-1])
     known = [f"{side}_{n}" for side in ("left", "right") for n in ("joint1", "joint2")]
     assert called_in(known, ["arm_joint1", "arm_joint2"], ()) == {}
+    # what both hold decides, not a finger that one of them alone has
+    three = ["fer_joint1", "fer_joint2", "fer_finger_joint2"]
+    assert called_in(["panda_joint1", "panda_joint2", "panda_finger_joint1"], three, ()) == {
+        "fer_joint1": "panda_joint1",
+        "fer_joint2": "panda_joint2",
+    }
+    assert called_in(["panda_joint1", "panda_hand"], three, ()) == {}
     assert called_in(known[:2], ["arm_joint1", "arm_joint2"], ()) == {
         "arm_joint1": "left_joint1",
         "arm_joint2": "left_joint2",
