@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -154,9 +155,8 @@ def optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
     starts = [rng.normal(size=(d, h, 2)) * low for _ in range(STARTS)]
     starts.sort(key=lambda c: cost(c, design))
     budget = BUDGET_URDF if stage.source.urdf else BUDGET
-    best = min(
-        (_refined(c, design, budget // 2) for c in starts[:2]), key=lambda c: cost(c, design)
-    )
+    tried = [_refined(c, design, budget // 2, k / 2) for k, c in enumerate(starts[:2])]
+    best = min(tried, key=lambda c: cost(c, design))
     motion = shaped(best, stage.space, "identify")
     x = regressor(motion, design)
     naive = regressor(_naive(stage.space), design)
@@ -165,8 +165,12 @@ def optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
     return Identifying(motion, _condition(x), _condition(naive), _condition(whole), x.shape[1])
 
 
-def _refined(c: FloatArray, design: FourierDesign, budget: int) -> FloatArray:
+def _refined(c: FloatArray, design: FourierDesign, budget: int, done: float) -> FloatArray:
+    """A start, refined; `done`: share of the search that lies behind it, which is one half."""
+    tries = count()
+
     def objective(z: FloatArray) -> float:
+        work.at("seek the motion", done + 0.5 * min(next(tries) / budget, 1.0))
         return cost(z.reshape(c.shape), design)
 
     found = scipy.optimize.minimize(

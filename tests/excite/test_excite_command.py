@@ -14,6 +14,7 @@ from hil.models.urdf import UrdfRobot
 from hil.record.mcap_read import load
 from hil.rig.check import limits_of_arm
 from hil.rig.config import load_rig, robot_source
+from hil.work import listening
 
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
 
@@ -271,3 +272,14 @@ def test_where_no_motion_separates_effects_none_is_asked_for():
     assert _inseparable(("payload",)).endswith(
         "Beyond these limits: one recording with and one without the mass"
     )
+
+
+def test_the_search_for_a_motion_says_how_far_it_is(tmp_path, capsys):
+    """Thirteen seconds at 0 %."""
+    heard = []
+    with listening(lambda what, done: heard.append((what, done))):
+        assert main(["excite", "identify", "-o", str(tmp_path / "m.toml")]) == 0
+    shares = [done for what, done in heard if what == "seek the motion"]
+    assert shares == sorted(shares) and shares[0] == 0.0 and len(set(shares)) > 20
+    assert max(shares) <= 1.0 and any(0.4 < x < 0.6 for x in shares)
+    capsys.readouterr()
