@@ -146,10 +146,10 @@ def _numbers(m: Material) -> str:
     floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
     rows.append(["noise floor", *floor])
     for r in [] if m.external else m.rungs:
-        cells = [_percent(float(x)) for x in r.multi_step.relative]
+        cells = [_simulated(float(x)) for x in r.multi_step.relative]
         rows.append([f"simulated, {r.step.label}", *cells])
         if r.multi_step.closed_loop is not None:
-            cells = [_percent(float(x)) for x in r.multi_step.closed_loop.relative]
+            cells = [_simulated(float(x)) for x in r.multi_step.closed_loop.relative]
             rows.append([f"closed-loop replay, {r.step.label}", *cells])
     if len(m.joints) <= 4:
         return table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
@@ -263,6 +263,15 @@ def traces(m: Material) -> str:
 def _percent(x: float) -> str:
     """A share for people; a dash where there is none."""
     return f"{number(x)} %" if math.isfinite(x) else "-"
+
+
+#: Simulated error [%] from which on it is no size of anything.
+DIVERGED = 1000.0
+
+
+def _simulated(x: float) -> str:
+    """A simulated error for people."""
+    return _percent(x) if not x > DIVERGED else "diverged"
 
 
 # ------------------------------------------------------------ what cannot be told apart

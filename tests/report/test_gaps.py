@@ -3,6 +3,7 @@
 import numpy as np
 
 from hil.report.effects import FEWEST, _means
+from hil.report.html import _simulated
 
 
 def test_means_leave_gaps_where_nothing_is_and_draw_the_law_where_little_is():
@@ -19,3 +20,9 @@ def test_means_leave_gaps_where_nothing_is_and_draw_the_law_where_little_is():
         "data": [],
         "law": [],
     }
+
+
+def test_a_simulation_that_left_everything_is_said_to_diverge():
+    """A table of the report had 1.6e+08 %."""
+    assert _simulated(1.6e8) == _simulated(float("inf")) == "diverged"
+    assert _simulated(87.4) == "87.4 %" and _simulated(float("nan")) == "-"
