@@ -46,6 +46,7 @@ from hil.diagnosis.types import Candidate
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.effect import Trait
 from hil.models.robots import IndependentAxes
 from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
@@ -128,14 +129,16 @@ def _best(found: Sequence[_Answer]) -> _Answer | None:
 def _effects_do_as_much(result: FitResult, best: _Answer) -> bool:
     """Whether effects leave less of the columns as they are than of corrected ones.
 
-    As little is enough against a correction whose numbers were fitted too.
+    As little is enough against a correction whose numbers were fitted too.  A gain is no other
+    explanation of a scale: of twice and more it is a unit.
     """
     most = 1 + WORTH if best.fitted else 1.0
-    return _beside_effects(result) < most * _beside_effects(best.after)
+    same = Trait.GAIN if best.code == "scale" else Trait.NONE
+    return _beside_effects(result, same) < most * _beside_effects(best.after, same)
 
 
-def _beside_effects(result: FitResult) -> float:
-    """Error [%] that is left where joints have the effect of the catalogue that does most.
+def _beside_effects(result: FitResult, but: Trait) -> float:
+    """Error [%] that is left where joints have the effect that does most, but for some kinds.
 
     The one that does most of all alone, then the next joint's beside it, and so on: the least of
     all.  Columns are in another order only if less is left so in that order: an arm whose last
@@ -143,7 +146,7 @@ def _beside_effects(result: FitResult) -> float:
     exchanged, and one spring over two joints like gravity from another side.
     """
     problem, model = result.problem, result.model
-    terms = [t for t in terms_to_try(result)[0] if not t.per_run]
+    terms = [t for t in terms_to_try(result)[0] if not t.per_run and not t.effect.traits & but]
     best: dict[int, Candidate] = {}
     for c in sorted(tried(result, terms)[1], key=lambda c: c.gain):
         if not c.term.effect.scope.of_robot:

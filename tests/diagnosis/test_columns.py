@@ -15,6 +15,8 @@ from hil.errors import DataError
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.effect import Trait
+from hil.models.model import base_model
 from hil.record.recording import Recording
 
 
@@ -187,6 +189,18 @@ def test_an_effort_in_another_unit_is_told_on_its_own_joint(j, times, make):
     ((code, text),) = wrong(replace(run, tau=run.tau * scale))
     assert code == "scale" and text.startswith(f"tau{j + 1} ")
     assert float(text.split("scale = ")[1].split(";")[0]) == pytest.approx(times, rel=0.1)
+
+
+def test_a_gain_of_a_thousand_is_no_other_explanation_of_another_unit():
+    """An effort in mN m was a *torque-gain* of 998: it leaves as little as the right unit."""
+    right = plants.serial_arm(3, 1, seconds=10.0)
+    run = replace(right, tau=right.tau * [1.0, 1.0, 1000.0])
+    model = base_model(run.robot)
+    as_read, mended = (hil.fit([r], model) for r in (run, right))
+    answer = columns._Answer(1.0, mended, "scale", "", fitted=True)
+    assert not columns._effects_do_as_much(as_read, answer)
+    with_gain, without = (columns._beside_effects(as_read, but) for but in (Trait.NONE, Trait.GAIN))
+    assert with_gain < 1.05 * columns._beside_effects(mended, Trait.NONE) < 0.2 * without
 
 
 def test_a_position_in_another_scale_is_told():
