@@ -441,13 +441,14 @@ def finish(
     if out.verdict == "adequate":
         # what is less than efforts are known to needs no explanation, nor what sensors do
         least = alarming(result.problem) * result.problem.rms(result.problem.effort)
-        excused, falls = of_noise(out.ladder[-1], out.last, out.floor), foretold(result)
+        felt = alarms(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
+        falls = foretold(result)
         if falls is not None:
-            # not the whole error counts, but what a function takes of it
-            felt = {j: x * result.rms[j] ** 2 > least[j] ** 2 for j, x in falls.items()}
-            falls = {j: x for j, x in falls.items() if felt[j] and not excused[j]}
+            falls = {j: x for j, x in falls.items() if felt[j]}
         out.beyond = None if falls is None else max([0.0, *falls.values()])
-        out.network = hidden(result, falls or {})
+        # what a function takes of the error counts, and not the whole of it
+        size = np.square(result.rms / np.maximum(least, 1e-300))
+        out.network = hidden(result, {j: x for j, x in (falls or {}).items() if x * size[j] > 1})
         if out.network:
             out.verdict = "unexplained"
     _with_unlike(out)
