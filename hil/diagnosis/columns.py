@@ -252,11 +252,11 @@ def _exchanged_positions(result: FitResult, recordings: list[Recording]) -> list
     """Order with two positions exchanged that leaves least, of joints that fit worst; else as is.
 
     An effort that is mostly another joint's weight follows no position by itself.  Of two wrong
-    positions one joint at least is foretold hardly better than by nothing, and the other badly.
+    positions both joints are foretold badly.
     """
     error, same = result.relative / 100, list(range(result.problem.d))
     bad = np.flatnonzero(~result.problem.holds & (error > TENTH)).tolist()
-    orders = [exchanged(same, a, b) for a, b in combinations(bad, 2) if max(error[[a, b]]) > HALF]
+    orders = [exchanged(same, a, b) for a, b in combinations(bad, 2)]
     if not orders:
         return same
     left = [

@@ -191,6 +191,16 @@ def test_an_effort_in_another_unit_is_told_on_its_own_joint(j, times, make):
     assert float(text.split("scale = ")[1].split(";")[0]) == pytest.approx(times, rel=0.1)
 
 
+def test_positions_are_exchanged_also_where_friction_is_foretold_all_the_same():
+    """A light wrist's: 26 and 23 % were left, and *coupled-friction* was named at 1.00."""
+    run = plants.serial_arm(3, 1, axes=("0 1 0", "1 0 0", "0 1 0"), seconds=10.0)
+    run = replace(run, q=run.q[:, [2, 1, 0]])
+    found = hil.fit([run], base_model(run.robot))
+    result = replace(found, residual=0.3 * found.residual)
+    assert 20 < max(result.relative) < 50 and sorted(result.relative)[1] > 10
+    assert columns._exchanged_positions(result, [run]) == [2, 1, 0]
+
+
 def test_a_gain_of_a_thousand_is_no_other_explanation_of_another_unit():
     """An effort in mN m was a *torque-gain* of 998: it leaves as little as the right unit."""
     right = plants.serial_arm(3, 1, seconds=10.0)
