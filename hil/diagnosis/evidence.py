@@ -44,6 +44,14 @@ def _kind(effect: Effect) -> str:
     return EFFECT if Trait.GIVEN not in effect.traits else ""
 
 
+def _in_model(result: FitResult) -> set[Key]:
+    """Effects of a model by joint, also those that step back behind others."""
+    number = {name: j for j, name in enumerate(result.problem.joints)}
+    return {
+        (u.type, number[name]) for u in result.model.effects for name in u.joints if name in number
+    }
+
+
 def terms_to_try(
     result: FitResult,
     joints: Collection[int] | None = None,
@@ -71,6 +79,9 @@ def terms_to_try(
     # one value for all runs leaves those of every run to be tried
     shared = {t.key for t in result.terms if not (t.per_run or t.effect.variation.relative)}
     own_values = present - shared
+    # what steps back behind another effect has no term, and is in the model all the same
+    behind = _in_model(result) - {t.key for t in result.terms} - set(without)
+    present |= behind
     terms: list[Term] = []
     impossible: dict[str, str] = {}
     for effect in catalogue.table().values():

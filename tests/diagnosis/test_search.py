@@ -12,8 +12,10 @@ import hil
 from hil.bench.diagnosis import cases, runner
 from hil.commands.diagnose import short
 from hil.diagnosis import rules
+from hil.diagnosis.evidence import terms_to_try
 from hil.diagnosis.verbs import ladder
 from hil.models.kernels import dahl_state
+from hil.models.model import Use, base_model
 from hil.report.data import Files, from_diagnosis
 from hil.report.text import details
 
@@ -265,3 +267,18 @@ def test_a_correction_is_told_with_the_law_that_would_do_as_much():
     assert adds in " ".join(details(from_diagnosis(found, simulated=False), typed))
     after = hil.add([run], found.explained.result.model, "spring", holdout=[other])[1]
     assert after.step.heldout.rms[0] < 1.1 * found.ladder[-1].heldout.rms[0]
+
+
+def test_what_steps_back_behind_another_effect_is_not_tried_again():
+    """Internal error: "the model already has 'coupled-transmission' on j2; remove it first"."""
+    run = plants.serial_arm(2, 1, seconds=6.0)
+    model = base_model(run.robot)
+    model = model + Use("coupled-transmission", ("joint1",)) + Use("differential", ("joint1",))
+    result = hil.fit([run], model)
+    key = ("coupled-transmission", 0)
+    assert key not in {t.key for t in result.terms}
+    terms, _ = terms_to_try(result)
+    assert key not in {t.key for t in terms}
+    assert key in {t.key for t in terms_to_try(hil.fit([run], base_model(run.robot)))[0]}
+    for t in terms:  # every one that is tried can be added
+        assert model + Use(t.effect.name, (run.joints[t.joint],))
