@@ -531,6 +531,8 @@ def _ratios(result: FitResult, some: Sequence[Weighed]) -> str:
 def _advice(joint: str, w: Weighed, over: FloatArray | None) -> str:
     """What to do about the gravity of a joint."""
     unit, left = not TENTH < w.ratio < 1 / TENTH, 0.0 if over is None else float(over[w.joint])
+    if _upwards(w) and over is not None and left <= NEAR_FLOOR:
+        return BALANCED
     if _upwards(w):
         return (
             f"{NO_MASSES}: does something touch the robot (give its force, or cut these "
@@ -550,8 +552,13 @@ def _doubted(w: Weighed) -> bool:
     return abs(w.ratio - 1) > max(LITTLE / max(w.share, LITTLE), CERTAIN * w.stderr)
 
 
-#: Words of a gravity that acts against the description.
-NO_MASSES = "No masses can do that"
+#: Words of a gravity that acts against the description, where forces from outside may be it.
+NO_MASSES = "No masses of the links do that"
+#: The same where the model explains all.
+BALANCED = (
+    "It acts upwards, as a counterweight or a balancer does that the description lacks. Else check "
+    "the zero of the position, and the direction of gravity"
+)
 
 
 def _upwards(w: Weighed) -> bool:

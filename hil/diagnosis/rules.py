@@ -566,7 +566,7 @@ def _simulates(case: Refit) -> str:
 OF_GEOMETRY = "without a robot description it may be gravity or the coupling of the joints"
 #: Beside masses that are none; or why one is that paid only until the others were found, or was
 #: allowed until then.
-_UPWARDS = "beside it the gravity of {} acts upwards, which no masses can do"
+_UPWARDS = "beside it the gravity of {} acts upwards, as no masses of the links do"
 _UNSHOWN = "in the end, the error of the held-out data does not fall with it"
 _OUTGROWN = "beside the others it has values that its law does not allow: "
 _UNKNOWN = "none of its values is determined"
