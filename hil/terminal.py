@@ -199,11 +199,17 @@ def working(shown: bool = True) -> Iterator[None]:
         bar.close()
 
 
-def _make_room() -> None:
-    """Take the line of progress away, so that what is written next begins a line of its own."""
-    for bar in _bars:
-        if not bar.delay:  # it is drawn
-            bar.clear()
+@contextlib.contextmanager
+def _room() -> Iterator[None]:
+    """Take the line of progress away while whole lines are written; it is drawn again below."""
+    if not _bars:
+        yield
+        return
+    with tqdm.get_lock():  # the thread that draws it waits
+        for bar in _bars:
+            if not bar.delay:  # it is drawn
+                bar.clear(nolock=True)
+        yield
 
 
 #: What is said while kernels are compiled; the machine code is kept for later runs.
@@ -269,8 +275,8 @@ def log(text: str) -> None:
     """One line to stderr, unless it is to be quiet."""
     if settings.quiet:
         return
-    _make_room()
-    sys.stderr.write(sentences(text, sys.stderr) + "\n")
+    with _room():
+        sys.stderr.write(sentences(text, sys.stderr) + "\n")
 
 
 def out(text: str) -> None:
@@ -279,9 +285,9 @@ def out(text: str) -> None:
 
 
 def write(text: str) -> None:
-    """Text to stdout as it is; it ends its last line itself."""
-    _make_room()
-    sys.stdout.write(text)
+    """Text to stdout as it is: whole lines."""
+    with _room():
+        sys.stdout.write(text)
 
 
 #: Lines that somebody copies, or a program reads: commands, JSON, comments and keys of TOML.

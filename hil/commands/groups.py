@@ -242,7 +242,7 @@ def _said(
     """Rows of all groups; their JSON or short answers go out one by one."""
     rows = []
     if args.json:
-        terminal.write('{"schema": "hil.diagnose.groups/1", "groups": [')
+        terminal.write('{"schema": "hil.diagnose.groups/1", "groups": [\n')
     for k, (group, data) in enumerate(zip(found, answers, strict=True)):
         rows.append(_row(group, data))
         if args.json:
@@ -253,13 +253,13 @@ def _said(
                 **({FAILED: data[FAILED]} if FAILED in data else {"diagnosis": data["diagnosis"]}),
             }
             text = json.dumps(told, indent=2, allow_nan=False)
-            terminal.write(f"{',' if k else ''}\n{text}")
+            terminal.write(f"{text}{',' * (k + 1 < len(found))}\n")
         elif len(found) <= _ANSWERS or args.verbose:
             heading = f"{group.label} ({plural(len(group.sessions), 'session')})"
             text = f"{_NOT}: {data[FAILED]}" if FAILED in data else data["text"]
             terminal.out(f"{heading}\n{'-' * len(heading)}\n{text}\n")
     if args.json:
-        terminal.write("\n]}\n")
+        terminal.write("]}\n")
     return rows
 
 

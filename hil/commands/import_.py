@@ -472,26 +472,25 @@ GUESSED = "guessed"
 
 def _guessed(args: argparse.Namespace, table: Path, mapping: TableMap | None) -> Imported:
     """A table as an import would read it; one of other names by the map that they propose."""
-    found = None
     try:
         return _read(args, table, mapping, args.which)
     except (DataError, ConfigError) as error:
-        if mapping is None:
-            opened = open_table(table, run=args.which)
-            found = _proposal(args, opened)
+        if mapping is not None:
+            raise
+        opened = open_table(table, run=args.which)
+        found = _proposal(args, opened)
         if found is None:
             raise
-        other_names = "has no column" in str(error)
-        if found.missing or not other_names:
+        if "has no column" not in str(error):
             _show_guess(args, opened, found)
-        if found.missing and other_names:
+            raise
+        if found.missing:
+            _show_guess(args, opened, found)
             raise ConfigError(
                 f"table {table}: no column's name says what is {' or '.join(found.missing)}. It "
                 f"has: {', '.join(families(list(opened.names)))}. '{_to_propose(table)}' writes "
                 "what was understood as a map, to be completed"
             ) from error
-        if not other_names:
-            raise
     try:
         given = parse_map(parse_toml(found.text), common.torque_constants(args.torque_constant))
         made = _read(args, table, given, args.which)

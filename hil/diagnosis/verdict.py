@@ -467,6 +467,7 @@ def finish(
 
 #: Code of a note on noise floors that are a good part of the effort.
 HIGH_FLOOR = "high-floor"
+#: How its sentence begins.
 LARGE = "the noise floor itself is a large part of the effort"
 #: What such a floor is: mostly no white noise of the efforts; no noise of any sensor.
 NOT_WHITE, NO_SENSOR = "not-white", "no-sensor"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import threading
 import time
 
 import plants
 import pytest
+from tqdm import tqdm
 
 from hil import terminal
 from hil.cli import COMMANDS, main
@@ -169,3 +171,30 @@ def test_reading_of_a_large_file_says_what_it_reads(tmp_path, capsys, words):
         main([words[0], str(path), *words[1:]])
     assert "read log.csv" in heard and COMMANDS[words[0]].long
     capsys.readouterr()
+
+
+def test_the_line_of_progress_is_not_drawn_into_what_is_written(monkeypatch):
+    """A thread of its own draws it: who writes holds the lock that it needs."""
+    free = []
+
+    class Watched(Terminal):
+        """Asks, while an answer is written, whether another thread could draw."""
+
+        def write(self, text):
+            if "answer" in text:
+                draw = threading.Thread(
+                    target=lambda: free.append(tqdm.get_lock().th_lock.acquire(blocking=False))
+                )
+                draw.start()
+                draw.join()
+            return super().write(text)
+
+    stages.stream = screen = Watched()
+    monkeypatch.setattr("sys.stdout", screen)
+
+    def told():
+        stages()
+        terminal.out("answer")
+
+    assert "answer\n" in shown(monkeypatch, screen, told)
+    assert free == [False]
