@@ -177,16 +177,20 @@ def test_the_line_of_progress_is_not_drawn_into_what_is_written(monkeypatch):
     """A thread of its own draws it: who writes holds the lock that it needs."""
     free = []
 
+    def draw():
+        lock = tqdm.get_lock().th_lock
+        free.append(lock.acquire(blocking=False))
+        if free[-1]:
+            lock.release()
+
     class Watched(Terminal):
         """Asks, while an answer is written, whether another thread could draw."""
 
         def write(self, text):
             if "answer" in text:
-                draw = threading.Thread(
-                    target=lambda: free.append(tqdm.get_lock().th_lock.acquire(blocking=False))
-                )
-                draw.start()
-                draw.join()
+                other = threading.Thread(target=draw)
+                other.start()
+                other.join()
             return super().write(text)
 
     stages.stream = screen = Watched()
