@@ -60,7 +60,7 @@ def listening(listener: Listener) -> Iterator[None]:
 #: More than two have not been measured; each needs memory for its columns.
 MAX_WORKERS = 2
 #: Instants of all runs (200 a second, mostly) from which on they gain.
-LONG = 2**14
+LONG = 2**13
 _limit: contextvars.ContextVar[int] = contextvars.ContextVar("threads", default=MAX_WORKERS)
 
 

@@ -1336,12 +1336,14 @@ def serial_arm(
     hand: bool = False,
     reach: float = 1.0,
     posture: float = 0.0,
+    noise: float = 0.03,
 ) -> Recording:
     """An arm whose effort is Pinocchio's, with friction and noise; a body on `link`, if asked.
 
     It moves about a `posture` of all joints, `reach` times as far as usual.
 
     wrong: seed of errors of 5 % in the masses, centres and inertias that it is described with.
+    noise: of the efforts, in shares of the friction's levels.
     hand: a hand that carries its own weight holds the tip (`HAND`).
     """
     text, rng, t = serial_urdf(d, axes), np.random.default_rng(seed), np.arange(0.0, seconds, 0.004)
@@ -1362,7 +1364,7 @@ def serial_arm(
     if hand:
         tau += _in_hand(model, (q, v, a))
     held = SERIAL_FC[:d] / d**0.5
-    tau += held * (0.1 * np.tanh(v / 0.01) + 0.1 * v + 0.03 * rng.standard_normal(tau.shape))
+    tau += held * (0.1 * np.tanh(v / 0.01) + 0.1 * v + noise * rng.standard_normal(tau.shape))
     q = q + 1e-6 * rng.standard_normal(q.shape)
     names = tuple(f"joint{k}" for k in range(1, d + 1))
     return Recording(f"run{seed}", "arm", names, t, q, tau, robot=RobotSource("", text))

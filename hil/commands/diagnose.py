@@ -69,7 +69,7 @@ SENTENCES = {
     "ambiguous": "ambiguous: an effect is missing; these data do not show which of several it is.",
     "unexplained": "unexplained: an effect is missing; none of the catalogue passes every test.",
     "not-identifiable": "not-identifiable: nothing can be concluded from these data.",
-    "bad-data": "bad-data: the recording has faults; a fit of it would be meaningless.",
+    "bad-data": "bad-data: the recording or the robot description is faulty; no fit makes sense.",
 }
 
 

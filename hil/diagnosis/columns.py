@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -40,7 +41,16 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import terms_to_try
 from hil.diagnosis.grams import Reach
-from hil.diagnosis.postures import TIMES, beside, countings, exchanged, ordered, times
+from hil.diagnosis.postures import (
+    LENGTHS,
+    TIMES,
+    Counting,
+    beside,
+    countings,
+    exchanged,
+    ordered,
+    times,
+)
 from hil.diagnosis.preconditions import GRAVITY, driven, weighed
 from hil.diagnosis.types import Candidate
 from hil.identify.fit import fit
@@ -52,9 +62,9 @@ from hil.record.locked import in_base_axes
 from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
-#: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted, and
-#: another gravity.
-LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture", GRAVITY)
+#: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted,
+#: another gravity, and other lengths.
+LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture", GRAVITY, LENGTHS)
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -129,19 +139,24 @@ def _best(found: Sequence[_Answer]) -> _Answer | None:
 def _effects_do_as_much(result: FitResult, best: _Answer) -> bool:
     """Whether effects leave less of the columns as they are than of corrected ones.
 
-    As little is enough against a correction whose numbers were fitted too.  A gain is no other
-    explanation of a scale: of twice and more it is a unit.
+    As little is enough against a correction whose numbers were fitted too, if these are no fewer
+    than the effects: two springs did as much as one length.  A gain is no other explanation of a
+    scale: of twice and more it is a unit.
     """
-    most = 1 + WORTH if best.fitted else 1.0
     same = Trait.GAIN if best.code == "scale" else Trait.NONE
-    return _beside_effects(result, same) < most * _beside_effects(best.after, same)
+    corrected = min(_beside_effects(best.after, same))
+    few = best.changes if best.fitted else 0
+    return any(
+        left < (1 + WORTH if k <= few else 1.0) * corrected
+        for k, left in enumerate(_beside_effects(result, same))
+    )
 
 
-def _beside_effects(result: FitResult, but: Trait) -> float:
-    """Error [%] that is left where joints have the effect that does most, but for some kinds.
+def _beside_effects(result: FitResult, but: Trait) -> list[float]:
+    """Errors [%] that are left where joints have the effect that does most, but for some kinds.
 
-    The one that does most of all alone, then the next joint's beside it, and so on: the least of
-    all.  Columns are in another order only if less is left so in that order: an arm whose last
+    Without any, with the one that does most of all, then with the next joint's beside it, and so
+    on.  Columns are in another order only if less is left so in that order: an arm whose last
     joint hardly needs an effort but for a spring looked like the same arm with its columns
     exchanged, and one spring over two joints like gravity from another side.
     """
@@ -151,12 +166,12 @@ def _beside_effects(result: FitResult, but: Trait) -> float:
     for c in sorted(tried(result, terms)[1], key=lambda c: c.gain):
         if not c.term.effect.scope.of_robot:
             best[c.joint] = c
-    least = _size(result)
+    left = [_size(result)]
     with problem.aside():
         for c in sorted(best.values(), key=lambda c: -c.gain):
             model = model + as_use(c, problem)
-            least = min(least, _size(fit(problem, model, sweeps=1)))
-    return least
+            left.append(_size(fit(problem, model, sweeps=1)))
+    return left
 
 
 def _off(result: FitResult) -> float:
@@ -547,8 +562,10 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
         return []
     before, out = _size(result), []
     for x in countings(result, recordings):
-        model = replace(result.model, robot=x.robot)
-        after = fit(_again(result, x.runs, x.robot), model, sweeps=1)
+        after = _counted(result, x)
+        if x.lengths and _size(after) < WHOLE * before:
+            x = x.tuned(partial(_left_of, result, x))
+            after = _counted(result, x)
         if _fits(after, before, x.share) or (x.fixed and _freed(after, result)):
             what = f"the model's error {_falls(after, result)}"
             said = f"{x.text}, and import again: {what}" if x.text else ""
@@ -558,3 +575,14 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
                 _Answer(_size(after), after, x.code, said, x.changes, _off(after), not x.fixed)
             )
     return out
+
+
+def _counted(result: FitResult, x: Counting) -> FitResult:
+    """The model fitted to runs, or for a robot, that are otherwise."""
+    model = replace(result.model, robot=x.robot)
+    return fit(_again(result, x.runs, x.robot), model, sweeps=1)
+
+
+def _left_of(result: FitResult, x: Counting, robot: RobotSource) -> float:
+    """Error [%] that is left of another robot."""
+    return _size(_counted(result, replace(x, robot=robot)))

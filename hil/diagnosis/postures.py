@@ -1,10 +1,10 @@
-"""Joints that are counted otherwise than the robot's description has it: zeros, senses, order.
+"""Joints that are otherwise than the robot's description has it: zeros, senses, order, lengths.
 
 Another zero or sense of a joint is another motion, and another gravity acts on it.  On
 some instants of the run it is seen what the rigid body leaves of the efforts, friction, rotor and
 offset of each joint projected out:  q_j -> s q_j + z  for s = +-1 and z in steps around
 the turn, the best joint first, then the next, as long as one helps; gravity along each axis of the
-base, and none.
+base, and none; the places of the joints times a factor, all of them or one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import HALF, OPEN, TENTH, WHOLE, WORTH
+from hil.diagnosis.constants import HALF, LITTLE, OPEN, TENTH, WHOLE, WORTH
 from hil.diagnosis.preconditions import GRAVITY, weighed
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
+from hil.models.bodies import Tree
 from hil.models.effect import Trait
 from hil.record.recording import Recording, RobotSource
 
@@ -36,8 +37,12 @@ OWN_LAWS = 3
 TIMES = "{times}"
 #: Largest scale of an effort and of a position that is tried.
 OTHER_SCALES = {"effort": 1000.0, "scale": 8.0}
+#: Millimetres in a metre, and the largest factor of the description's lengths that is tried.
+MILLIMETRES, OTHER_LENGTHS = 1000.0, 2000.0
 #: Gravity where the description has none [m/s^2].
 EARTH = 9.81
+#: Code of lengths that do not fit.
+LENGTHS = "lengths"
 #: Share of the largest direction of the rigid body below which another one counts as none.
 SAME = 1e-9
 
@@ -72,6 +77,31 @@ class Sense:
         """How many entries of a map this is; a zero that was fitted counts twice."""
         entries = (self.sign < 0, self.shift != 0.0, self.effort != 1.0, self.scale != 1.0)
         return sum(entries) + self.free
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Places of joints in the description, times a factor.
+
+    Parameters
+    ----------
+    left : float
+        Squared share of the efforts that it leaves.
+    factor : float
+        Of the lengths.
+    joints : (str, str) or None
+        From which moving joint to which; None for all lengths.
+    step : float
+        Log of the factor within which it was sought.
+    alike : bool
+        Whether a factor of all lengths leaves as little.
+    """
+
+    left: float
+    factor: float
+    joints: tuple[str, str] | None
+    step: float
+    alike: bool = False
 
 
 @dataclass(frozen=True)
@@ -124,15 +154,15 @@ class Postures:
         self,
         senses: Sequence[Sense],
         j: int,
-        gravity: FloatArray | None = None,
+        tree: Tree | None = None,
         order: Sequence[int] | None = None,
     ) -> tuple[float, float]:
         """Squared share of the efforts that is left, with joint j's effort as it is and turned.
 
-        `gravity` (3,) [m/s^2] in place of the described one; `order`: the columns of each joint.
+        `tree` in place of the described bodies; `order`: the columns of each joint.
         """
         taken = list(order or range(self._d))
-        y = self._regressor(senses, taken, gravity)
+        y = self._regressor(senses, taken, tree)
         # an effort in another scale: the masses of its joint seem so many times smaller
         sizes = [r.size * abs(senses[r.j].effort) for r in self._rows]
         parts = [
@@ -154,20 +184,20 @@ class Postures:
         return as_it_is, turned
 
     def _regressor(
-        self, senses: Sequence[Sense], taken: list[int], gravity: FloatArray | None
+        self, senses: Sequence[Sense], taken: list[int], tree: Tree | None
     ) -> FloatArray:
         """Columns of the rigid body as joints are counted; those of the last posture are kept."""
         moved = [(x.sign * x.scale, x.shift) for x in senses]
-        if gravity is None and self._kept and self._kept[0] == (moved, taken):
+        if tree is None and self._kept and self._kept[0] == (moved, taken):
             return self._kept[1]
         factor, shift = np.array(moved).T
         q, v, a = (x[:, taken] for x in self._states)
-        tree, states = self._robot.tree, (q * factor + shift, v * factor, a * factor)
-        if tree is None or gravity is None:
-            y = self._robot.regressor(*states)
-        else:
-            y = replace(tree, gravity=gravity).regressor(*states) @ tree.spread
-        self._kept = ((moved, taken), y) if gravity is None else None
+        states = q * factor + shift, v * factor, a * factor
+        if tree is not None:
+            self._kept = None
+            return tree.regressor(*states) @ tree.spread
+        y = self._robot.regressor(*states)
+        self._kept = ((moved, taken), y)
         return y
 
     def order(self) -> list[int]:
@@ -195,7 +225,7 @@ class Postures:
         as_read = [Sense() for _ in range(self._d)]
 
         def left(g: FloatArray) -> float:
-            return self.left(as_read, j, g)[0]
+            return self.left(as_read, j, replace(tree, gravity=g))[0]
 
         size = float(np.linalg.norm(tree.gravity)) or EARTH
         axes = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
@@ -249,16 +279,54 @@ class Postures:
         """The first of them; as recorded where none helps."""
         return next(iter(self.bests()), [Sense() for _ in range(self._d)])
 
-    def now(
-        self, senses: Sequence[Sense] | None = None, gravity: FloatArray | None = None
-    ) -> float:
+    def now(self, senses: Sequence[Sense] | None = None, tree: Tree | None = None) -> float:
         """Squared share of the efforts that some senses leave; those that are recorded if None.
 
-        `gravity`: as of `left`.
+        `tree`: as of `left`.
         """
         senses = senses or [Sense() for _ in range(self._d)]
         j = self._rows[0].j
-        return self.left(senses, j, gravity)[int(senses[j].effort < 0)]
+        return self.left(senses, j, tree)[int(senses[j].effort < 0)]
+
+    def within(self, gravity: FloatArray) -> float:
+        """The same in another gravity (3,) [m/s^2]."""
+        tree = self._robot.tree
+        return self.now(tree=None if tree is None else replace(tree, gravity=gravity))
+
+    def lengths(self) -> list[Lengths]:
+        """Factors of the lengths that leave less: of one joint's place, and of all of them.
+
+        The one that leaves least, then all; only what leaves less at all, by `WORTH`.
+        """
+        tree = self._robot.tree
+        if tree is None or not self._rows[1:]:
+            return []
+        # where the first body is fixed to the base changes no effort
+        far = (tree.parent >= 0) & np.any(tree.place != 0.0, axis=1)
+        ones = [self._longer(tree, np.arange(len(far)) == k) for k in np.flatnonzero(far)]
+        most = (1 - WORTH) * self.now()
+        good = sorted((x for x in ones if x.left < most), key=lambda x: x.left)[:1]
+        every = self._longer(tree, np.ones(len(far), dtype=bool)) if far.any() else None
+        if every is None or every.left >= most:
+            return good
+        alike = (replace(x, alike=every.left <= (1 + WORTH) * x.left) for x in good)
+        return [*alike, every]
+
+    def _longer(self, tree: Tree, which: NDArray[np.bool_]) -> Lengths:
+        """The factor of some bodies' places that leaves least."""
+
+        def left(x: float) -> float:
+            place = np.where(which[:, None], float(np.exp(x)), 1.0) * tree.place
+            return self.now(tree=replace(tree, place=place))
+
+        grid = np.log(OTHER_LENGTHS) * np.linspace(-1, 1, 2 * STEPS + 1)
+        best, step = min(grid.tolist(), key=left), float(grid[1] - grid[0])
+        fine = scipy.optimize.minimize_scalar(
+            left, bounds=(best - step, best + step), method="bounded"
+        )
+        k = int(np.flatnonzero(which)[-1])
+        names = (tree.joints[tree.parent[k]], tree.joints[k]) if which.sum() == 1 else None
+        return Lengths(float(fine.fun), float(np.exp(fine.x)), names, step)
 
     def _tried(self, senses: Sequence[Sense]) -> list[tuple[float, Sense, int]]:
         """What the best sense of each joint leaves beside those of the others, least first."""
@@ -362,6 +430,34 @@ class Counting:
     changes: int = 1
     fixed: bool = False
     senses: tuple[Sense, ...] = ()
+    lengths: Lengths | None = None
+
+    def tuned(self, left: Callable[[RobotSource], float]) -> Counting:
+        """The same with the factor of its lengths that leaves least of a whole fit, if it has one.
+
+        What 500 instants tell of a factor is near, and a fit is sharper.
+        """
+        x = self.lengths
+        if x is None:
+            return self
+
+        def at(f: float) -> RobotSource:
+            return with_lengths(self.robot, x, float(np.exp(f)) / x.factor)
+
+        fine = scipy.optimize.minimize_scalar(
+            lambda f: left(at(float(f))),
+            bounds=np.log(x.factor) + np.array([-x.step, x.step]),
+            method="bounded",
+            options={"xatol": LITTLE / 2},
+        )
+        size = float(fine.x)
+        unit = np.log(MILLIMETRES) * np.sign(size)
+        if abs(size - unit) > TENTH:
+            return replace(self, robot=at(size), lengths=replace(x, factor=float(np.exp(size))))
+        # a unit is no number that was fitted, and one of all lengths
+        found = replace(x, factor=float(np.exp(unit)))
+        changes = 2 if x.joints else 1
+        return replace(self, robot=at(unit), lengths=found, fixed=True, changes=changes)
 
 
 def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counting]:
@@ -393,7 +489,7 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
             tuple(senses),
         )
     # springs of the joints seem to be a gravity from another side, which must leave clearly less
-    if gravity is not None and postures.now(gravity=gravity) < WHOLE * sprung:
+    if gravity is not None and postures.within(gravity) < WHOLE * sprung:
         numbers = " ".join(f"{x:.3g}" for x in gravity + 0.0)
         text = (
             f"gravity does not act as the robot description says. Write <gravity>{numbers}"
@@ -402,10 +498,16 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
         # another zero of the first joint may be the same, and is a commoner mistake
         said, changes = ("", 0) if postures.leans(gravity) else (text, 2)
         yield Counting(recordings, _in_gravity(robot, gravity), GRAVITY, said, OPEN, changes)
+    for x in postures.lengths():
+        as_found, text = with_lengths(robot, x, x.factor), _of_lengths(x)
+        changes = 1 if x.joints else 2
+        yield Counting(recordings, as_found, LENGTHS, text, OPEN, changes, lengths=x)
 
 
 def times(x: Counting, after: FitResult) -> float:
-    """Factor of the column that is scaled; of an effort, that which gives the described gravity."""
+    """Factor of what is scaled; of an effort, that which gives the described gravity."""
+    if x.lengths is not None:
+        return x.lengths.factor
     j, sense = next((j, s) for j, s in enumerate(x.senses) if s != Sense())
     if sense.scale != 1.0:
         return sense.scale
@@ -436,6 +538,43 @@ def _in_gravity(source: RobotSource, gravity: FloatArray) -> RobotSource:
         root.remove(old)
     ET.SubElement(root, "gravity").text = " ".join(repr(float(x)) for x in gravity)
     return replace(source, urdf=ET.tostring(root, encoding="unicode"))
+
+
+def with_lengths(source: RobotSource, x: Lengths, factor: float) -> RobotSource:
+    """The same robot with other lengths: between two moving joints, or of all of it.
+
+    Fixed joints between the two count; of all lengths also those of the masses.
+    """
+    root = ET.fromstring(source.urdf)
+    behind = {str(e.find("child").get("link")): e for e in root.findall("joint")}  # type: ignore[union-attr]
+    places: list[ET.Element] = []
+    if x.joints is None:
+        places = list(root.iter("origin"))
+    else:
+        named = {str(e.get("name")): e for e in root.findall("joint")}
+        at: ET.Element | None = named[x.joints[1]]
+        while at is not None and at.get("name") != x.joints[0]:
+            places += at.findall("origin")
+            at = behind.get(str(at.find("parent").get("link")))  # type: ignore[union-attr]
+    for e in places:
+        numbers = [float(v) * factor for v in e.get("xyz", "0 0 0").split()]
+        e.set("xyz", " ".join(map(repr, numbers)))
+    return replace(source, urdf=ET.tostring(root, encoding="unicode"))
+
+
+def _of_lengths(x: Lengths) -> str:
+    """What the description should have."""
+    if x.joints is None:
+        return (
+            "the lengths in the robot description do not fit the motion. Multiply all of them "
+            f"(every <origin xyz>) by about {TIMES} in the URDF"
+        )
+    near, far = x.joints
+    more = " (all its lengths may be wrong alike)" if x.alike else ""
+    return (
+        f"the distance from {near} to {far} in the robot description does not fit the motion"
+        f"{more}. Multiply <origin xyz> of {far} by about {TIMES} in the URDF"
+    )
 
 
 def _of_senses(problem: Problem, senses: Sequence[Sense]) -> str:
