@@ -19,7 +19,7 @@ Joints that are counted otherwise than the description has it: `hil.diagnosis.po
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, pairwise
 
@@ -45,11 +45,16 @@ from hil.diagnosis.postures import (
     LENGTHS,
     TIMES,
     Counting,
+    Sense,
     beside,
     countings,
     exchanged,
+    nearest_zeros,
+    of_zeros,
     ordered,
+    other_zeros,
     times,
+    with_senses,
 )
 from hil.diagnosis.preconditions import GRAVITY, driven, weighed
 from hil.diagnosis.types import Candidate
@@ -82,13 +87,20 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
         The runs.
     """
     pushed = any(r.wrench is not None or r.tau_ext is not None for r in recordings)
-    worst = float(np.max(result.relative)) / 100
-    doubtful = worst >= TENTH or driven(result)
+    worst, doubtful = float(np.max(result.relative)) / 100, _doubtful(result)
     if doubtful and pushed and result.model.explains == "motor":
         return _of_tip(result, recordings)
     # what would be of no size once it fits is no mistake
     if result.model.explains != "motor" or pushed or OPEN * worst < MATTERS:
         return []
+    best = _corrected(result, recordings, doubtful)
+    if best and best.text:
+        return [(best.code, best.text)]
+    return [] if best else _in_some_runs(result, recordings)
+
+
+def _corrected(result: FitResult, recordings: list[Recording], doubtful: bool) -> _Answer | None:
+    """The correction that does most; none where effects do as much."""
     found = _other_posture(result, recordings)
     if doubtful:
         found += _by_motors(result, recordings)
@@ -96,7 +108,76 @@ def mistaken(result: FitResult, recordings: list[Recording]) -> list[tuple[str, 
     best = _best(found)
     if best and best.code in LIKE_EFFECTS and _effects_do_as_much(result, best):
         best = _best([x for x in found if x.code not in LIKE_EFFECTS])
-    return [(best.code, best.text)] if best and best.text else []
+    return best
+
+
+def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
+    """Faults (code, sentence) of some runs, and not of the others.
+
+    Where a run alone leaves less than half of what it leaves beside the others, each is looked at
+    by itself.  What is found must also let all of them fit together.
+    """
+    if len(recordings) < 2:
+        return []
+    problem, squared = result.problem, result.residual**2
+    own = [fit(_again(result, [r]), result.model, sweeps=1) for r in recordings]
+
+    def beside(k: int) -> float:
+        at = problem.run == k
+        share = np.mean(squared[:, at], axis=1) / np.mean(own[k].problem.effort ** 2, axis=1)
+        return 100 * float(np.sqrt(np.mean(share[~problem.holds])))
+
+    if not any(_size(x) < HALF * beside(k) for k, x in enumerate(own)):
+        return []
+    some = [
+        _corrected(x, [r], True) if _doubtful(x) else None
+        for x, r in zip(own, recordings, strict=True)
+    ]
+    told = {k: x for k, x in enumerate(some) if x and x.text and x.runs}
+    mended = [told[k].runs[0] if k in told else r for k, r in enumerate(recordings)]
+    if told and len(told) < len(recordings):
+        after = fit(_again(result, mended), result.model, sweeps=1)
+        if _fall(after.relative, result) <= HALF:
+            return [(x.code, f"in {recordings[k].name} alone, {x.text}") for k, x in told.items()]
+    zeros = _of_zeros(result, recordings)
+    return [(zeros.code, zeros.text)] if zeros else []
+
+
+def _of_zeros(result: FitResult, recordings: list[Recording]) -> _Answer | None:
+    """Zeros of one run that are others than in the rest, as an incremental encoder starts anew.
+
+    None where effects do as much that differ between runs: a payload, an offset.
+    """
+    problem = result.problem
+    if isinstance(problem.robot, IndependentAxes) or problem.d < 2:
+        return None
+    found = []
+    for k in range(len(recordings)):
+        runs, senses = other_zeros(result, recordings, k)
+        if any(x.shift for x in senses):
+            found.append((fit(_again(result, runs), result.model, sweeps=1), k, senses))
+    if not found:
+        return None
+    coarse, k, senses = min(found, key=lambda x: _size(x[0]))
+    if not _fits(coarse, _size(result), WHOLE):
+        return None
+
+    def read(senses: Sequence[Sense]) -> FitResult:
+        return fit(_again(result, with_senses(recordings, senses, k)), result.model, sweeps=1)
+
+    senses = nearest_zeros(senses, lambda some: _size(read(some)))
+    after, names = read(senses), [r.name for r in recordings]
+    text = of_zeros(problem, senses, names[k], [n for n in names if n != names[k]])
+    text = f"{text}: the model's error {_falls(after, result)}"
+    changes = 2 * sum(bool(x.shift) for x in senses)
+    answer = _Answer(_size(after), after, "posture", text, changes, _off(after), True)
+    good = _fits(after, _size(result), OPEN) and not _effects_do_as_much(result, answer, True)
+    return answer if good else None
+
+
+def _doubtful(result: FitResult) -> bool:
+    """Whether a model cannot follow its own recording at all."""
+    return bool(np.max(result.relative) >= 100 * TENTH) or driven(result)
 
 
 @dataclass(frozen=True)
@@ -118,6 +199,8 @@ class _Answer:
         How far the gravity that it gives is from the described one.
     fitted : bool
         Whether its numbers were fitted, and are no sign, order or quarter of a turn.
+    runs : list of Recording
+        The runs with it; empty where it is the robot that is otherwise.
     """
 
     size: float
@@ -127,6 +210,7 @@ class _Answer:
     changes: int = 1
     off: float = 0.0
     fitted: bool = False
+    runs: list[Recording] = field(default_factory=list)
 
 
 def _best(found: Sequence[_Answer]) -> _Answer | None:
@@ -136,7 +220,7 @@ def _best(found: Sequence[_Answer]) -> _Answer | None:
     return min(near, key=lambda x: (x.changes, round(x.off, 1), x.size), default=None)
 
 
-def _effects_do_as_much(result: FitResult, best: _Answer) -> bool:
+def _effects_do_as_much(result: FitResult, best: _Answer, per_run: bool = False) -> bool:
     """Whether effects leave less of the columns as they are than of corrected ones.
 
     As little is enough against a correction whose numbers were fitted too, if these are no fewer
@@ -148,20 +232,25 @@ def _effects_do_as_much(result: FitResult, best: _Answer) -> bool:
     few = best.changes if best.fitted else 0
     return any(
         left < (1 + WORTH if k <= few else 1.0) * corrected
-        for k, left in enumerate(_beside_effects(result, same))
+        for k, left in enumerate(_beside_effects(result, same, per_run))
     )
 
 
-def _beside_effects(result: FitResult, but: Trait) -> list[float]:
+def _beside_effects(result: FitResult, but: Trait, per_run: bool = False) -> list[float]:
     """Errors [%] that are left where joints have the effect that does most, but for some kinds.
 
     Without any, with the one that does most of all, then with the next joint's beside it, and so
     on.  Columns are in another order only if less is left so in that order: an arm whose last
     joint hardly needs an effort but for a spring looked like the same arm with its columns
-    exchanged, and one spring over two joints like gravity from another side.
+    exchanged, and one spring over two joints like gravity from another side.  What differs between
+    runs is among them if `per_run`.
     """
     problem, model = result.problem, result.model
-    terms = [t for t in terms_to_try(result)[0] if not t.per_run and not t.effect.traits & but]
+    terms = [
+        t
+        for t in terms_to_try(result)[0]
+        if (per_run or not t.per_run) and not t.effect.traits & but
+    ]
     best: dict[int, Candidate] = {}
     for c in sorted(tried(result, terms)[1], key=lambda c: c.gain):
         if not c.term.effect.scope.of_robot:
@@ -190,15 +279,16 @@ def _other_efforts(
     for bound, rank, change in _promising(result):
         if HALF * bound > (1 + WORTH) * min((x.size for x in known), default=np.inf):
             continue
-        problem = change.problem(result, recordings)
-        after = fit(problem, result.model, sweeps=1)
+        runs = change.of(recordings)
+        after = fit(change.problem(result, runs), result.model, sweeps=1)
         fits, text = _fits(after, before, OPEN), change.text
         if fits or _freed(after, result):
             if not fits:
                 text = text.replace(FITS, f"the model's error {_falls(after, result)}")
             size, code = HALF * _size(after), change.code
-            found.append((rank, _Answer(size, after, code, text, change.entries, _off(after))))
-            known.append(found[-1][1])
+            off, changes = _off(after), change.entries
+            known.append(_Answer(size, after, code, text, changes, off, runs=runs))
+            found.append((rank, known[-1]))
     answers = [x for _, x in sorted(found, key=lambda x: x[0])]
     if either := _out_of_order(result, recordings):
         answers = [x for x in answers if x.code != "swapped"]
@@ -242,11 +332,12 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
     for stem, columns, runs in (("tau", back, efforts), ("q", order, motions)):
         after = fit(_again(result, runs), result.model, sweeps=1)
         if _fits(after, before, OPEN) or _freed(after, result):
-            fits.append((_size(after), stem, columns, after))
+            fits.append((_size(after), stem, columns, after, runs))
     if not fits:
         return []
-    least, *_, best = min(fits, key=lambda x: x[0])
-    said = [_exchange(stem, x, result.problem.joints) for e, stem, x, _ in fits if HALF * e < least]
+    least, *_, best, read = min(fits, key=lambda x: x[0])
+    joints = result.problem.joints
+    said = [_exchange(stem, x, joints) for e, stem, x, *_ in fits if HALF * e < least]
     text = f"{said[0][0]}; name the columns in a map ({said[0][1]})"
     if least > OPEN * before:
         text = text.replace(FITS, f"{FITS} better, though not all is explained")
@@ -255,7 +346,7 @@ def _out_of_order(result: FitResult, recordings: list[Recording]) -> list[_Answe
             f". With the positions in another order it fits as well ({said[1][1]}): the program "
             "that wrote the table knows which of the two it exchanged; change only one of them"
         )
-    return [_Answer(HALF * least, best, "swapped", text, 2)]
+    return [_Answer(HALF * least, best, "swapped", text, 2, runs=read)]
 
 
 def _with_positions(recordings: list[Recording], order: list[int]) -> list[Recording]:
@@ -310,7 +401,8 @@ def _as_motors(result: FitResult, recordings: list[Recording], efforts: bool) ->
     if known and (_fits(best, _size(result), OPEN) or _freed(best, result)):
         text = _as_counted(known, efforts, result.problem.joints)
         text = f"{text}: the model's error {_falls(best, result)}"
-        yield _Answer(_size(best), best, "coupled", text, 2 * len(known), _off(best))
+        runs = [_by_joints(r, known, efforts) for r in recordings]
+        yield _Answer(_size(best), best, "coupled", text, 2 * len(known), _off(best), runs=runs)
 
 
 @dataclass(frozen=True)
@@ -522,9 +614,12 @@ class _Change:
         """How many entries of a map it changes."""
         return int(np.sum(self.signs < 0)) + sum(k != x for k, x in enumerate(self.order))
 
-    def problem(self, result: FitResult, recordings: Sequence[Recording]) -> Problem:
-        """The problem of a fit with the efforts read in this way."""
-        changed = [replace(r, tau=r.tau[:, self.order] * self.signs) for r in recordings]
+    def of(self, recordings: Sequence[Recording]) -> list[Recording]:
+        """The runs with the efforts read in this way."""
+        return [replace(r, tau=r.tau[:, self.order] * self.signs) for r in recordings]
+
+    def problem(self, result: FitResult, changed: list[Recording]) -> Problem:
+        """The problem of a fit to these runs."""
         if self.turned:
             return result.problem.with_signs(changed, self.signs)
         return _again(result, changed)
@@ -571,8 +666,9 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
             said = f"{x.text}, and import again: {what}" if x.text else ""
             if TIMES in said:
                 said = said.replace(TIMES, f"{times(x, after):.2g}")
+            off, runs = _off(after), x.runs if x.robot is result.problem.source else []
             out.append(
-                _Answer(_size(after), after, x.code, said, x.changes, _off(after), not x.fixed)
+                _Answer(_size(after), after, x.code, said, x.changes, off, not x.fixed, runs)
             )
     return out
 

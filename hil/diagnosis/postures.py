@@ -124,15 +124,19 @@ class Postures:
         Base model fitted to the runs as they are.
     laws : int
         Highest power of its own position that every joint's effort may hold beside the rigid body.
+    run : int, optional
+        Number of the run alone that may be counted otherwise; default all.
     """
 
-    def __init__(self, result: FitResult, laws: int = 0) -> None:
+    def __init__(self, result: FitResult, laws: int = 0, run: int | None = None) -> None:
         problem, body = result.problem, np.zeros(result.theta.size, dtype=bool)
         for t, where in zip(result.terms, result.slices, strict=True):
             body[where] = Trait.BODY in t.effect.traits
         self._robot, self._d = problem.robot, problem.d
         pick = np.unique(np.linspace(0, problem.n - 1, INSTANTS).astype(int))
         self._states = [x[:, pick].T for x in (problem.q, problem.qd, problem.qdd)]
+        counted = np.ones(pick.size, dtype=bool) if run is None else problem.run[pick] == run
+        self._counted = counted[:, None]
         rest = result.x.reshape(problem.d, problem.n, -1)[:, pick][:, :, ~body]
         self._rows = list[_Rows]()
         self._kept: tuple[object, FloatArray] | None = None
@@ -192,6 +196,7 @@ class Postures:
             return self._kept[1]
         factor, shift = np.array(moved).T
         q, v, a = (x[:, taken] for x in self._states)
+        factor, shift = np.where(self._counted, factor, 1.0), np.where(self._counted, shift, 0.0)
         states = q * factor + shift, v * factor, a * factor
         if tree is not None:
             self._kept = None
@@ -367,6 +372,34 @@ class Postures:
             nearest = left(best.sign, float(found.x))
         return self._centred(nearest)
 
+    def zeros(self) -> list[Sense]:
+        """Other zeros of turning joints that leave least: what helps most, then the next."""
+        senses = [Sense() for _ in range(self._d)]
+        for _ in self._rows:
+            tried = [
+                (*self._zero(senses, r.j), r.j)
+                for r in self._rows
+                if self._robot.units[r.j] == "rad" and senses[r.j] == Sense()
+            ]
+            left, best, j = min(tried, key=lambda x: x[0], default=(np.inf, Sense(), 0))
+            if left > WHOLE * self.now(senses):
+                break
+            senses[j] = best
+        return senses
+
+    def _zero(self, senses: Sequence[Sense], j: int) -> tuple[float, Sense]:
+        """What the best zero of one joint leaves beside those of the others, and that zero."""
+
+        def left(z: float) -> float:
+            return self.now([Sense(shift=z) if k == j else x for k, x in enumerate(senses)])
+
+        step = 2 * np.pi / STEPS
+        best = min((step * np.arange(STEPS)).tolist(), key=left)
+        fine = scipy.optimize.minimize_scalar(
+            left, bounds=(best - step, best + step), method="bounded"
+        )
+        return self._centred((float(fine.fun), Sense(shift=float(fine.x))))
+
     @staticmethod
     def _centred(x: tuple[float, Sense]) -> tuple[float, Sense]:
         """The same zero within half a turn."""
@@ -502,6 +535,64 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
         as_found, text = with_lengths(robot, x, x.factor), _of_lengths(x)
         changes = 1 if x.joints else 2
         yield Counting(recordings, as_found, LENGTHS, text, OPEN, changes, lengths=x)
+
+
+def other_zeros(
+    result: FitResult, recordings: list[Recording], run: int
+) -> tuple[list[Recording], list[Sense]]:
+    """The runs with other zeros of one of them, where they promise less error, and these zeros."""
+    senses = Postures(result, run=run).zeros()
+    return with_senses(recordings, senses, run), senses
+
+
+def with_senses(recordings: list[Recording], senses: Sequence[Sense], run: int) -> list[Recording]:
+    """The runs, one of which is counted in another sense."""
+    columns = np.array([(x.sign * x.scale, x.shift, x.effort) for x in senses]).T
+    return [_read(r, *columns) if k == run else r for k, r in enumerate(recordings)]
+
+
+def nearest_zeros(senses: Sequence[Sense], left: Callable[[Sequence[Sense]], float]) -> list[Sense]:
+    """Zeros near these that leave least of a whole fit, one joint after the other."""
+    out = list(senses)
+    for j in [j for j, x in enumerate(senses) if x.shift]:
+        out = _nearest_zero(out, j, left)
+    return out
+
+
+def _nearest_zero(
+    senses: list[Sense], j: int, left: Callable[[Sequence[Sense]], float]
+) -> list[Sense]:
+    """The same of one joint."""
+
+    def at(z: float) -> list[Sense]:
+        return [replace(x, shift=z) if i == j else x for i, x in enumerate(senses)]
+
+    def rest(z: float) -> float:
+        return left(at(float(z)))
+
+    z = senses[j].shift
+    found = scipy.optimize.minimize_scalar(
+        rest, bounds=(z - TENTH, z + TENTH), method="bounded", options={"xatol": LITTLE / 10}
+    )
+    return at(float(found.x))
+
+
+def of_zeros(problem: Problem, senses: Sequence[Sense], run: str, others: Sequence[str]) -> str:
+    """What is said of joints whose zeros are other ones in one run."""
+    rows = zip(problem.joints, problem.robot.units, senses, strict=True)
+    said = [
+        f"q{k + 1} ({joint}): {_in_words(x, unit)}"
+        for k, (joint, unit, x) in enumerate(rows)
+        if x != Sense()
+    ]
+    either = f", or the opposite in {others[0]}" if len(others) == 1 else ""
+    which = [f"q{k + 1} ({x})" for k, x in enumerate(problem.joints) if senses[k] != Sense()]
+    counted = "are counted from other zeros" if which[1:] else "is counted from another zero"
+    return (
+        f"in {run}, {' and '.join(which)} {counted} than in {others[0]}"
+        f"{' and others' if others[1:] else ''}. Write in a map of {run} ({'; '.join(said)})"
+        f"{either}, and import again"
+    )
 
 
 def times(x: Counting, after: FitResult) -> float:

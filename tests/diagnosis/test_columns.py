@@ -346,6 +346,54 @@ def test_fixed_joints_between_two_moving_ones_count_to_their_distance():
     assert np.array_equal(now[:1], was[:1]) and np.array_equal(now[1:3], 2 * was[1:3])
 
 
+# ------------------------------------------------------------ mistakes in one of several runs
+
+
+def of_several(changed: Recording, *others: Recording) -> list[tuple[str, str]]:
+    runs = [*others, changed]
+    return columns.mistaken(hil.fit(runs, hil.base_model(changed.robot)), runs)
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "words"),
+    [
+        (lambda r: replace(r, tau=r.tau * [1, -1, 1]), "sign", "tau2 (joint2) has the wrong sign"),
+        (lambda r: replace(r, q=r.q[:, [0, 2, 1]]), "swapped", "q2 and q3 (joint2, joint3) are"),
+    ],
+)
+def test_a_mistake_in_one_of_two_runs_is_told_of_that_run(change, code, words):
+    """They had been an offset a run at 1.00, and *unexplained*."""
+    one, two = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2))
+    ((found, text),) = of_several(change(two), one)
+    assert found == code and text.startswith("in run2 alone, ") and words in text
+    assert of_several(two, one) == []
+
+
+@pytest.mark.parametrize("shift", [0.1, 0.5])
+def test_another_zero_of_one_run_is_told_with_the_shift(shift):
+    """An incremental encoder counts from where it was switched on: an offset a run at 0.99."""
+    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2, 3)]
+    changed = replace(runs[1], q=runs[1].q - [0.0, shift, 0.0])
+    ((code, text),) = of_several(changed, runs[0], runs[2])
+    assert code == "posture"
+    assert "in run2, q2 (joint2) is counted from another zero than in run1 and others" in text
+    found = float(re.search(r"shift = (-?[0-9.]+) rad", text)[1])
+    assert found == pytest.approx(shift, abs=0.01)
+
+
+def test_zeros_of_several_joints_of_one_run_are_told_together():
+    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2)]
+    changed = replace(runs[1], q=runs[1].q - [0.0, 0.5, -0.3])
+    ((code, text),) = of_several(changed, runs[0])
+    assert code == "posture" and "q2 (joint2) and q3 (joint3) are counted from other zeros" in text
+    assert "or the opposite in run1" in text
+
+
+def test_a_payload_of_one_run_is_no_other_zero():
+    one, two = plants.serial_arm(3, 1), plants.serial_arm(3, 2, link=3)
+    assert of_several(two, one) == []
+
+
 # ------------------------------------------------------------ efforts that never change
 
 

@@ -18,7 +18,7 @@ _ARITHMETIC = {
     },
     "attribution": {"FURTHER"},
     "candidates": {"DRAWS", "SHRINK", "SPEEDS", "WIDTH", "PLACES", "NARROW", "CREEPS", "KNOTS"},
-    "postures": {"INSTANTS", "STEPS", "OWN_LAWS", "EARTH", "SAME"},
+    "postures": {"INSTANTS", "STEPS", "OWN_LAWS", "EARTH", "SAME", "MILLIMETRES", "OTHER_LENGTHS"},
     "engine": {"CUTS"},
     "equivalence": {"PROBE", "UNSHOWN", "MAX_RIVALS"},
     "evidence": {"DEPENDENT"},
