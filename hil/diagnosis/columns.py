@@ -123,7 +123,7 @@ def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[
     own = [fit(_again(result, [r]), result.model, sweeps=1) for r in recordings]
 
     def beside(k: int) -> float:
-        at = problem.run == k
+        at = problem.whole[problem.run] == k
         share = np.mean(squared[:, at], axis=1) / np.mean(own[k].problem.effort ** 2, axis=1)
         return 100 * float(np.sqrt(np.mean(share[~problem.holds])))
 

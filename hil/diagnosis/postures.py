@@ -135,8 +135,8 @@ class Postures:
         self._robot, self._d = problem.robot, problem.d
         pick = np.unique(np.linspace(0, problem.n - 1, INSTANTS).astype(int))
         self._states = [x[:, pick].T for x in (problem.q, problem.qd, problem.qdd)]
-        counted = np.ones(pick.size, dtype=bool) if run is None else problem.run[pick] == run
-        self._counted = counted[:, None]
+        whose = problem.whole[problem.run[pick]]  # a recording with gaps has several parts
+        self._counted = ((whose == run) | (run is None))[:, None]
         rest = result.x.reshape(problem.d, problem.n, -1)[:, pick][:, :, ~body]
         self._rows = list[_Rows]()
         self._kept: tuple[object, FloatArray] | None = None

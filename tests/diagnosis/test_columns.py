@@ -381,6 +381,17 @@ def test_another_zero_of_one_run_is_told_with_the_shift(shift):
     assert found == pytest.approx(shift, abs=0.01)
 
 
+def test_the_recording_is_told_and_not_its_part_behind_a_gap():
+    """Its samples are in several parts then, of which the second is not the second recording."""
+    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2)]
+    whole = np.abs(runs[0].t - 10.0) > 1.0
+    gap = replace(runs[0], t=runs[0].t[whole], q=runs[0].q[whole], tau=runs[0].tau[whole])
+    ((code, text),) = of_several(replace(runs[1], q=runs[1].q - [0.0, 0.5, 0.0]), gap)
+    assert code == "posture" and "than in run" in text
+    found = float(re.search(r"shift = (-?[0-9.]+) rad", text)[1])
+    assert abs(found) == pytest.approx(0.5, abs=0.01)
+
+
 def test_zeros_of_several_joints_of_one_run_are_told_together():
     runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2)]
     changed = replace(runs[1], q=runs[1].q - [0.0, 0.5, -0.3])
