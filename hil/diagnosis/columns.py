@@ -124,13 +124,14 @@ def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[
 
     def beside(k: int) -> float:
         at = problem.whole[problem.run] == k
-        share = np.mean(squared[:, at], axis=1) / np.mean(own[k].problem.effort ** 2, axis=1)
+        effort = np.mean(own[k].problem.effort ** 2, axis=1)
+        share = np.mean(squared[:, at], axis=1) / np.maximum(effort, 1e-300)
         return 100 * float(np.sqrt(np.mean(share[~problem.holds])))
 
     if not any(_size(x) < HALF * beside(k) for k, x in enumerate(own)):
         return []
     some = [
-        _corrected(x, [r], True) if _doubtful(x) else None
+        _corrected(x, [r], True) if _doubtful(x) and not x.problem.holds.all() else None
         for x, r in zip(own, recordings, strict=True)
     ]
     told = {k: x for k, x in enumerate(some) if x and x.text and x.runs}
@@ -139,14 +140,15 @@ def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[
         after = fit(_again(result, mended), result.model, sweeps=1)
         if _fall(after.relative, result) <= HALF:
             return [(x.code, f"in {recordings[k].name} alone, {x.text}") for k, x in told.items()]
-    zeros = _of_zeros(result, recordings)
+    zeros = _of_zeros(result, recordings, min(map(_size, own)))
     return [(zeros.code, zeros.text)] if zeros else []
 
 
-def _of_zeros(result: FitResult, recordings: list[Recording]) -> _Answer | None:
+def _of_zeros(result: FitResult, recordings: list[Recording], alone: float) -> _Answer | None:
     """Zeros of one run that are others than in the rest, as an incremental encoder starts anew.
 
-    None where effects do as much that differ between runs: a payload, an offset.
+    All runs must fit together nearly as the best one fits alone (error [%]).  None where effects
+    do as much that differ between runs: a payload, an offset.
     """
     problem = result.problem
     if isinstance(problem.robot, IndependentAxes) or problem.d < 2:
@@ -171,8 +173,9 @@ def _of_zeros(result: FitResult, recordings: list[Recording]) -> _Answer | None:
     text = f"{text}: the model's error {_falls(after, result)}"
     changes = 2 * sum(bool(x.shift) for x in senses)
     answer = _Answer(_size(after), after, "posture", text, changes, _off(after), True)
-    good = _fits(after, _size(result), OPEN) and not _effects_do_as_much(result, answer, True)
-    return answer if good else None
+    if HALF * answer.size > alone or not _fits(after, _size(result), OPEN):
+        return None
+    return None if _effects_do_as_much(result, answer, True) else answer
 
 
 def _doubtful(result: FitResult) -> bool:

@@ -552,29 +552,25 @@ def with_senses(recordings: list[Recording], senses: Sequence[Sense], run: int) 
 
 
 def nearest_zeros(senses: Sequence[Sense], left: Callable[[Sequence[Sense]], float]) -> list[Sense]:
-    """Zeros near these that leave least of a whole fit, one joint after the other."""
-    out = list(senses)
-    for j in [j for j, x in enumerate(senses) if x.shift]:
-        out = _nearest_zero(out, j, left)
-    return out
+    """Zeros near these that leave least of a whole fit."""
+    which = [j for j, x in enumerate(senses) if x.shift]
+    start = np.array([senses[j].shift for j in which])
 
+    def at(z: FloatArray) -> list[Sense]:
+        shifts = dict(zip(which, z.tolist(), strict=True))
+        return [replace(x, shift=shifts.get(j, 0.0)) for j, x in enumerate(senses)]
 
-def _nearest_zero(
-    senses: list[Sense], j: int, left: Callable[[Sequence[Sense]], float]
-) -> list[Sense]:
-    """The same of one joint."""
+    def rest(z: FloatArray) -> float:
+        return left(at(np.asarray(z, dtype=np.float64)))
 
-    def at(z: float) -> list[Sense]:
-        return [replace(x, shift=z) if i == j else x for i, x in enumerate(senses)]
-
-    def rest(z: float) -> float:
-        return left(at(float(z)))
-
-    z = senses[j].shift
-    found = scipy.optimize.minimize_scalar(
-        rest, bounds=(z - TENTH, z + TENTH), method="bounded", options={"xatol": LITTLE / 10}
+    corners = np.vstack([start, start + TENTH * np.eye(len(which))])
+    found = scipy.optimize.minimize(
+        rest,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": corners, "xatol": LITTLE / 10, "fatol": LITTLE / 10},
     )
-    return at(float(found.x))
+    return at(np.asarray(found.x, dtype=np.float64))
 
 
 def of_zeros(problem: Problem, senses: Sequence[Sense], run: str, others: Sequence[str]) -> str:

@@ -400,6 +400,20 @@ def test_zeros_of_several_joints_of_one_run_are_told_together():
     assert "or the opposite in run1" in text
 
 
+def test_an_offset_of_one_run_is_no_other_zero():
+    """Half a turn of one joint took three quarters of such an error, and no more."""
+    one, two = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2))
+    assert of_several(replace(two, tau=two.tau + np.array([0.0, 30.0, 3.0])), one) == []
+
+
+def test_a_run_at_rest_is_looked_at_with_the_others_alone():
+    one, two, still = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2, 3))
+    still = replace(still, q=np.broadcast_to(still.q[0], still.q.shape))
+    changed = replace(two, tau=two.tau * [1.0, -1.0, 1.0])
+    for _, text in of_several(changed, one, still):
+        assert "in run2 alone" in text
+
+
 def test_a_payload_of_one_run_is_no_other_zero():
     one, two = plants.serial_arm(3, 1), plants.serial_arm(3, 2, link=3)
     assert of_several(two, one) == []
