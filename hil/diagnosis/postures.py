@@ -25,6 +25,7 @@ from hil.identify.result import FitResult
 from hil.models.bodies import Tree
 from hil.models.effect import Trait
 from hil.record.recording import Recording, RobotSource
+from hil.record.urdf_joints import link_at
 
 FloatArray = NDArray[np.float64]
 
@@ -468,7 +469,7 @@ class Counting:
     def tuned(self, left: Callable[[RobotSource], float]) -> Counting:
         """The same with the factor of its lengths that leaves least of a whole fit, if it has one.
 
-        What 500 instants tell of a factor is near, and a fit is sharper.
+        What some instants tell of a factor is near, and a fit is sharper.
         """
         x = self.lengths
         if x is None:
@@ -479,7 +480,7 @@ class Counting:
 
         fine = scipy.optimize.minimize_scalar(
             lambda f: left(at(float(f))),
-            bounds=np.log(x.factor) + np.array([-x.step, x.step]),
+            bounds=(np.log(x.factor) - x.step, np.log(x.factor) + x.step),
             method="bounded",
             options={"xatol": LITTLE / 2},
         )
@@ -633,7 +634,7 @@ def with_lengths(source: RobotSource, x: Lengths, factor: float) -> RobotSource:
     Fixed joints between the two count; of all lengths also those of the masses.
     """
     root = ET.fromstring(source.urdf)
-    behind = {str(e.find("child").get("link")): e for e in root.findall("joint")}  # type: ignore[union-attr]
+    behind = {link_at(e, "child"): e for e in root.findall("joint")}
     places: list[ET.Element] = []
     if x.joints is None:
         places = list(root.iter("origin"))
@@ -642,7 +643,7 @@ def with_lengths(source: RobotSource, x: Lengths, factor: float) -> RobotSource:
         at: ET.Element | None = named[x.joints[1]]
         while at is not None and at.get("name") != x.joints[0]:
             places += at.findall("origin")
-            at = behind.get(str(at.find("parent").get("link")))  # type: ignore[union-attr]
+            at = behind.get(link_at(at, "parent"))
     for e in places:
         numbers = [float(v) * factor for v in e.get("xyz", "0 0 0").split()]
         e.set("xyz", " ".join(map(repr, numbers)))

@@ -17,6 +17,7 @@ from hil.errors import ConfigError
 from hil.export import trees
 from hil.export.content import Content, Vocabulary
 from hil.export.target import Program
+from hil.record.urdf_joints import link_at
 
 
 def described(content: Content, damped: bool = True) -> ET.Element:
@@ -29,7 +30,7 @@ def described(content: Content, damped: bool = True) -> ET.Element:
         )
     joints = {str(j.get("name")): j for j in root.iter("joint") if j.find("child") is not None}
     for name, body in zip(content.tree.joints, content.bodies, strict=True):
-        _inertial(root, joints, _end(joints[name], "child"), body)
+        _inertial(root, joints, link_at(joints[name], "child"), body)
     # links before the first joint move nothing; what is written of them is ignored
     damping, friction = content.each("v"), content.each("sign")
     for k, name in enumerate(content.robot.joints):
@@ -42,11 +43,6 @@ def described(content: Content, damped: bool = True) -> ET.Element:
     return root
 
 
-def _end(joint: ET.Element, tag: str) -> str:
-    found = joint.find(tag)
-    return "" if found is None else str(found.get("link"))
-
-
 def _inertial(
     root: ET.Element, joints: dict[str, ET.Element], link: str, body: trees.FloatArray
 ) -> None:
@@ -57,7 +53,7 @@ def _inertial(
         for old in links[name].findall("inertial"):
             links[name].remove(old)
         fixed = [j for j in joints.values() if j.get("type") == "fixed"]
-        held += [_end(j, "child") for j in fixed if _end(j, "parent") == name]
+        held += [link_at(j, "child") for j in fixed if link_at(j, "parent") == name]
     m, centre, i = trees.about_centre(body)
     new = ET.SubElement(links[link], "inertial")
     ET.SubElement(new, "origin", xyz=trees.numbers(centre), rpy="0 0 0")

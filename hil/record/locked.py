@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, families, plural, unknown
 from hil.record.recording import GROUPS, LOCKED, WRENCH, RobotSource
-from hil.record.urdf_joints import UrdfJoint, checked_urdf, urdf_joints
+from hil.record.urdf_joints import UrdfJoint, checked_urdf, link_at, urdf_joints
 
 if TYPE_CHECKING:
     from hil.record.mapfile import Rule
@@ -73,16 +73,16 @@ def arm_joints(urdf: str, d: int) -> tuple[str, ...]:
     names = [j.name for j in urdf_joints(_text(root), "the URDF")]
     if not 0 < d < len(names):
         return ()
-    above = {_end(j, "child"): j for j in root.findall("joint")}
+    above = {link_at(j, "child"): j for j in root.findall("joint")}
     elements = {j.get("name", ""): j for j in root.findall("joint")}
 
     def before(name: str) -> list[str]:
         """Joints between the root and one."""
         out: list[str] = []
-        link = _end(elements[name], "parent")
+        link = link_at(elements[name], "parent")
         while link in above:
             out.append(above[link].get("name", ""))
-            link = _end(above[link], "parent")
+            link = link_at(above[link], "parent")
         return out
 
     chain = all(names[k] in before(names[k + 1]) for k in range(d - 1))
@@ -353,7 +353,7 @@ def frame_axes(
     root = checked_urdf(urdf, where)
     if frame not in {link.get("name") for link in root.findall("link")}:
         return None
-    above = {_end(j, "child"): j for j in root.findall("joint")}
+    above = {link_at(j, "child"): j for j in root.findall("joint")}
     out = np.tile(np.eye(3), (len(q), 1, 1))
     while frame in above:
         joint = above[frame]
@@ -361,7 +361,7 @@ def frame_axes(
         origin = joint.find("origin")
         fixed = np.eye(3) if origin is None else _rotation(_three(origin, "rpy"))
         out = fixed @ turn @ out
-        frame = _end(joint, "parent")
+        frame = link_at(joint, "parent")
     return out
 
 
@@ -369,11 +369,6 @@ def in_base_axes(wrench: FloatArray, axes: FloatArray) -> FloatArray:
     """A wrench (n, 6) of a link's axes (n, 3, 3), in axes of the base."""
     turned = [np.einsum("nij,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)]
     return np.concatenate(turned, axis=1)
-
-
-def _end(joint: ET.Element, tag: str) -> str:
-    element = joint.find(tag)
-    return "" if element is None else element.get("link", "")
 
 
 def _turned(joint: ET.Element, names: Sequence[str], q: FloatArray) -> FloatArray:

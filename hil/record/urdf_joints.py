@@ -169,6 +169,11 @@ def _attribute(joint: ET.Element, tag: str, key: str, none: str) -> str:
     return none if element is None else element.get(key, none)
 
 
+def link_at(joint: ET.Element, end: str) -> str:
+    """Name of the link at an end of a joint, ``"parent"`` or ``"child"``; empty if it has none."""
+    return _attribute(joint, end, "link", "")
+
+
 def frames_of(text: str, where: str = "the URDF") -> list[str]:
     """Names that a tip can have: the links and joints of a URDF.
 
