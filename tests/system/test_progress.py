@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import threading
-import time
 
 import plants
 import pytest
@@ -18,10 +17,25 @@ from hil.work import at, listening
 
 
 class Terminal(io.StringIO):
-    """Stream that says that it is a terminal."""
+    """Stream that says that it is a terminal, and on which words can be waited for."""
+
+    def __init__(self):
+        super().__init__()
+        self.drawn = threading.Condition()
 
     def isatty(self):
         return True
+
+    def write(self, text):
+        with self.drawn:
+            count = super().write(text)
+            self.drawn.notify_all()
+        return count
+
+    def wait_for(self, words):
+        """A thread of its own draws the line."""
+        with self.drawn:
+            assert self.drawn.wait_for(lambda: words in self.getvalue(), 30.0), self.getvalue()
 
 
 def shown(monkeypatch, stream, work, **more):
@@ -36,9 +50,7 @@ def shown(monkeypatch, stream, work, **more):
 def stages():
     """Work that takes until it has been drawn."""
     at("seek effects", 0.25)
-    stop = time.monotonic() + 10
-    while "25 %" not in stages.stream.getvalue() and time.monotonic() < stop:
-        pass
+    stages.stream.wait_for("25 %")
 
 
 def test_a_stage_its_share_and_the_time_left_are_shown(monkeypatch):
@@ -112,9 +124,7 @@ def test_that_kernels_are_compiled_is_said_while_it_lasts(monkeypatch):
 
     def work():
         at("fit", 0.25)
-        stop = time.monotonic() + 30
-        while "fit" not in stream.getvalue() and time.monotonic() < stop:
-            time.sleep(0.001)
+        stream.wait_for("fit")
         kernel(1.0)
         kernel(2)  # another type: again
         done = stream.getvalue()
