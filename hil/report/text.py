@@ -388,7 +388,7 @@ def headline(m: Material) -> str:
     if m.verdict == "not-identifiable":
         return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":
-        return "The recording has faults; anything fitted to it would be meaningless."
+        return "The recording or the robot description is faulty; no fit makes sense."
     j = worst(m)
     ratio = float(m.ratio(m.before)[j])
     tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
@@ -635,7 +635,11 @@ FIXED = {
     "not-identifiable": [
         "Record again as the sentence above says. A fit of these data would be meaningless."
     ],
-    "bad-data": ["Run 'hil info' on the recording; then repair, cut or repeat it."],
+    "bad-data": [
+        "Correct what is said above, in the map or in the robot description, and diagnose again.",
+        "Where the recording itself is at fault, see what 'hil info' says of it; then repair, cut "
+        "or repeat it.",
+    ],
     COMPARED: ["Run 'hil diagnose' on the same files to learn which effect is missing."],
 }
 

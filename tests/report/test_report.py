@@ -184,7 +184,7 @@ def test_bad_data_has_no_figures(tmp_path: Path) -> None:
     d = diagnose([replace(run, tau=tau)], model(run))
     assert d.verdict == "bad-data"
     page = written(d, tmp_path)
-    assert "The recording has faults" in page.text
+    assert "The recording or the robot description is faulty" in page.text
     assert d.warnings[0][1] in page.text
     assert "ladder" not in page.ids
 
