@@ -114,8 +114,9 @@ def _corrected(result: FitResult, recordings: list[Recording], doubtful: bool) -
 def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[str, str]]:
     """Faults (code, sentence) of some runs, and not of the others.
 
-    Where a run alone leaves less than half of what it leaves beside the others, each is looked at
-    by itself.  What is found must also let all of them fit together.
+    Where a run alone leaves less than half of what it leaves beside the others.  What fits twice as
+    badly alone as most others is looked at by itself: what is missing in all runs is no mistake of
+    one.  What is found must also let all of them fit together.
     """
     if len(recordings) < 2:
         return []
@@ -130,24 +131,27 @@ def _in_some_runs(result: FitResult, recordings: list[Recording]) -> list[tuple[
 
     if not any(_size(x) < HALF * beside(k) for k, x in enumerate(own)):
         return []
-    some = [
-        _corrected(x, [r], True) if _doubtful(x) and not x.problem.holds.all() else None
-        for x, r in zip(own, recordings, strict=True)
+    usual = sorted(map(_size, own))[(len(own) - 1) // 2]
+    odd = [
+        k
+        for k, x in enumerate(own)
+        if HALF * _size(x) > usual and _doubtful(x) and not x.problem.holds.all()
     ]
-    told = {k: x for k, x in enumerate(some) if x and x.text and x.runs}
+    some = {k: _corrected(own[k], [recordings[k]], True) for k in odd}
+    told = {k: x for k, x in some.items() if x and x.text and x.runs}
     mended = [told[k].runs[0] if k in told else r for k, r in enumerate(recordings)]
-    if told and len(told) < len(recordings):
+    if told:
         after = fit(_again(result, mended), result.model, sweeps=1)
         if _fall(after.relative, result) <= HALF:
             return [(x.code, f"in {recordings[k].name} alone, {x.text}") for k, x in told.items()]
-    zeros = _of_zeros(result, recordings, min(map(_size, own)))
+    zeros = _of_zeros(result, recordings, usual)
     return [(zeros.code, zeros.text)] if zeros else []
 
 
 def _of_zeros(result: FitResult, recordings: list[Recording], alone: float) -> _Answer | None:
     """Zeros of one run that are others than in the rest, as an incremental encoder starts anew.
 
-    All runs must fit together nearly as the best one fits alone (error [%]).  None where effects
+    All runs must fit together nearly as most fit alone (error [%]).  None where effects
     do as much that differ between runs: a payload, an offset.
     """
     problem = result.problem
@@ -232,7 +236,7 @@ def _effects_do_as_much(result: FitResult, best: _Answer, per_run: bool = False)
     """
     same = Trait.GAIN if best.code == "scale" else Trait.NONE
     corrected = min(_beside_effects(best.after, same))
-    few = best.changes if best.fitted else 0
+    few = best.changes if best.fitted else -1
     return any(
         left < (1 + WORTH if k <= few else 1.0) * corrected
         for k, left in enumerate(_beside_effects(result, same, per_run))
