@@ -70,7 +70,8 @@ WORTH = 0.03
 #: beside simulated physics of another form.  Half: more names for what a first law's form leaves;
 #: double: second effects below a fortieth go unnamed, right names of small effects lose weight.
 DISCREPANCY = 0.0125
-#: How well a floor is known, a tenth as a size, and the part of a run that is its beginning or end.
+#: How well a floor is known, a tenth as a size, the part of a run that is its beginning or end, and
+#: how near to a unit a factor of lengths, or to another zero the first guess of one, must be.
 #: Two floors by different ways, tuning plants.  Half: right answers become *unexplained*, and how a
 #: run begins is told as a change; double: effects of half a floor are overlooked.
 TENTH = 0.10
