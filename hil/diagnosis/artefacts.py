@@ -59,7 +59,6 @@ from hil.diagnosis.constants import (
     FLOOR_SHARE,
     HALF,
     LEAD,
-    LEVEL,
     OPEN,
     RESPONSE,
     STIRRED,
@@ -85,6 +84,25 @@ FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
 #: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
 WIDER, WIDEST = (2.0, 4.0), 0.35
+
+
+# ------------------------------------------------------------ what candidates are artefacts
+
+
+def mark(found: list[Candidate], result: FitResult, projector: Projector) -> None:
+    """Say of candidates whether they explain no more than sensors and filters do.
+
+    Parameters
+    ----------
+    found : list of Candidate
+        Those of which it matters: `smoother` and `blurred` are set.
+    result : FitResult
+        The fit that they were tried beside.
+    projector : Projector
+        Of that fit.
+    """
+    _mark_smoothers(found, result, projector)
+    _mark_blurred(found, result, projector)
 
 
 # ------------------------------------------------------------ reversals that a filter blurs
@@ -218,21 +236,9 @@ def _sharp(problem: Problem, j: int, wider: float) -> list[FloatArray]:
     return found
 
 
-def mark_blurred(found: list[Candidate], result: FitResult, projector: Projector) -> None:
-    """Say of every candidate that was detected whether it explains no more than blurred reversals.
-
-    Parameters
-    ----------
-    found : list of Candidate
-        With their evidence.
-    result : FitResult
-        The fit that they were tried beside.
-    projector : Projector
-        Of that fit.
-    """
-    own = [
-        c for c in found if c.p_value <= LEVEL and c.score > 0 and not c.term.effect.scope.of_robot
-    ]
+def _mark_blurred(found: list[Candidate], result: FitResult, projector: Projector) -> None:
+    """Say of every candidate whether it explains no more than blurred reversals."""
+    own = [c for c in found if c.score > 0 and not c.term.effect.scope.of_robot]
     for j in {c.term.joint for c in own}:
         blurred = blur(result, projector, j)
         for c in own:
@@ -477,23 +483,9 @@ CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 # ------------------------------------------------------------ noise of the positions
 
 
-def mark_smoothers(found: list[Candidate], result: FitResult, projector: Projector) -> None:
-    """Say of every candidate that was detected whether all it does is to smooth.
-
-    Parameters
-    ----------
-    found : list of Candidate
-        With their evidence.
-    result : FitResult
-        The fit that they were tried beside.
-    projector : Projector
-        Of that fit.
-    """
-    own = [
-        c
-        for c in found
-        if Trait.SMOOTHS in c.term.effect.traits and c.p_value <= LEVEL and c.score > 0
-    ]
+def _mark_smoothers(found: list[Candidate], result: FitResult, projector: Projector) -> None:
+    """Say of every candidate whether all it does is to smooth."""
+    own = [c for c in found if Trait.SMOOTHS in c.term.effect.traits and c.score > 0]
     stirred = stir(result) if own else np.zeros(0)
     for j in {c.term.joint for c in own}:
         smoothers = _smoothers(projector, j)
@@ -585,7 +577,7 @@ def returned(evidence: Evidence, result: FitResult) -> FloatArray:
     out, rough = np.zeros(result.problem.d), coarse(result.problem)
     for c in evidence.candidates:
         j = c.term.joint
-        if not (rough[j] and Trait.LATE in c.term.effect.traits and c.p_value <= LEVEL):
+        if not (rough[j] and Trait.LATE in c.term.effect.traits and c.detected):
             continue
         if not real_delay(result, j, c.late):
             power = c.parts[j] * result.sigma[j] ** 2 / max(result.problem.count[j], 1.0)

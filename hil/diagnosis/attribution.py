@@ -318,11 +318,10 @@ def possible(evidence: Evidence, result: FitResult) -> list[Candidate]:
     return [
         c
         for c in evidence.candidates
-        if c.p_value <= LEVEL
+        if c.detected
         and physical(c, result.problem)
         and c.score > 0
-        and not c.smoother
-        and not c.blurred
+        and not c.artefact
         and c.absorbed < ABSORBED
         and alone(c, evidence, result)
     ]

@@ -314,8 +314,7 @@ def _gathered(result: FitResult, seed: int) -> Evidence:
     floor = measured_floor(found, projector, result)
     priced(found, floor, result)
     detect(found, projector, floor, result, seed)
-    artefacts.mark_smoothers(found, result, projector)
-    artefacts.mark_blurred(found, result, projector)
+    artefacts.mark([c for c in found if c.detected], result, projector)
     found.sort(key=ranking)
     return Evidence(found, floor, projector, impossible, changed)
 

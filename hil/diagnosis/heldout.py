@@ -34,7 +34,6 @@ from hil.diagnosis.constants import (
     ADEQUATE,
     CERTAIN,
     HALF,
-    LEVEL,
     NEAR_FLOOR,
     OPEN,
     SURE,
@@ -641,7 +640,7 @@ def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, s
 def _glimpsed(evidence: Evidence, c: Candidate) -> bool:
     """Whether a fit saw an effect beyond chance, too, though too little of it to name."""
     return any(
-        (k.name, k.joint) == (c.name, c.joint) and k.p_value <= LEVEL and k.score > 0
+        (k.name, k.joint) == (c.name, c.joint) and k.detected and k.score > 0
         for k in evidence.candidates
     )
 

@@ -278,8 +278,6 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
     floor = search.first.floor if search.first else None
     assert floor is not None  # noqa: S101
     priced(found, floor, result)
-    artefacts.mark_smoothers(found, result, projector)
-    artefacts.mark_blurred(found, result, projector)
     rated = [_judged_on(r, c.joint) if _own(r, c) else r for r in rate(result, search.split, found)]
     others = [f for f in search.found if f is not c]
     sound = [
@@ -290,13 +288,13 @@ def _beside(search: Search, c: Candidate) -> tuple[list[Rated], Projector]:
             r.removed > 0
             and r.candidate.score > 0
             and may_be(r.candidate, search.problem)
-            and not (r.candidate.smoother or r.candidate.blurred)
             and r.candidate.absorbed < ABSORBED
             and in_time(r.candidate, result)
             and not any(kindred(r.candidate, f) for f in others)
         )
     ]
-    return sound, projector
+    artefacts.mark([r.candidate for r in sound], result, projector)
+    return [r for r in sound if r.candidate.name == own.name or not r.candidate.artefact], projector
 
 
 def _own(r: Rated, c: Candidate) -> bool:

@@ -371,8 +371,7 @@ class Models:
         floor = self._floor(found, projector)
         priced(found, floor, result)
         detect(found, projector, floor, result, self.seed)
-        artefacts.mark_smoothers(found, result, projector)
-        artefacts.mark_blurred(found, result, projector)
+        artefacts.mark([c for c in found if c.detected], result, projector)
         rated.sort(key=lambda r: -r.removed / max(r.before, 1e-300))
         candidates = [r.candidate for r in rated]
         return Evidence(candidates, floor, projector, impossible, changed), rated

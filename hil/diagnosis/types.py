@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import ADEQUATE, NEAR_FLOOR, RISEN, WORTH
+from hil.diagnosis.constants import ADEQUATE, LEVEL, NEAR_FLOOR, RISEN, WORTH
 from hil.errors import DataError
 from hil.identify.design import Term
 from hil.identify.multistep import MultiStep
@@ -133,6 +133,16 @@ class Candidate:
     blurred: bool = False
     parts: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     null: FloatArray = field(default_factory=lambda: np.zeros(FLIPS), repr=False)
+
+    @property
+    def detected(self) -> bool:
+        """Whether it explains more than the best of all candidates would by chance."""
+        return self.p_value <= LEVEL
+
+    @property
+    def artefact(self) -> bool:
+        """Whether it explains no more than what sensors and filters do."""
+        return self.smoother or self.blurred
 
     @property
     def late(self) -> float:

@@ -214,25 +214,30 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
 # ------------------------------------------------------------ excuses
 
 
-def of_noise(
+def beside_noise(
     step: Step, evidence: Evidence, floor: FloatArray, there: bool = False
-) -> NDArray[np.bool_]:
-    """Joints (d,) of which what stands above the floor comes of how the positions are measured.
+) -> FloatArray:
+    """A floor (d,) with what comes of how the positions are measured; an error at most.
 
     Their noise smoothed in the model's load or, where that is little, returned late by the
     controller; or reversals that their filter blurs.  Where `there`, of the held-out error and its
-    floor: what the positions make of the fitted runs' error is taken from it, and no more.
+    floor: what the positions make of the fitted runs' error is added to it, and no more.
     """
     result = step.result
     end = step.heldout.rms if there else result.rms
-    most = WHOLE * (end**2 - floor**2)
-    late = (end <= NEAR_FLOOR * floor) & (returned(evidence, result) >= most)
-    excused = (
-        (smoothed(evidence, result) >= most)
-        | (artefacts.blurred_parts(evidence, result) >= most)
-        | late
-    )
-    return np.asarray((most > 0.0) & excused)
+    late = np.where(end <= NEAR_FLOOR * floor, returned(evidence, result), 0.0)
+    part = np.maximum(smoothed(evidence, result), artefacts.blurred_parts(evidence, result))
+    most = np.maximum(end**2, floor**2)
+    return np.asarray(np.sqrt(np.minimum(floor**2 + np.maximum(part, late), most)))
+
+
+def of_noise(
+    step: Step, evidence: Evidence, floor: FloatArray, there: bool = False
+) -> NDArray[np.bool_]:
+    """Joints (d,) of which what stands above the floor comes of how the positions are measured."""
+    end = step.heldout.rms if there else step.result.rms
+    excess, made = end**2 - floor**2, beside_noise(step, evidence, floor, there) ** 2 - floor**2
+    return np.asarray((excess > 0.0) & (made >= WHOLE * excess))
 
 
 def refuted(step: Step, floor: FloatArray) -> NDArray[np.bool_]:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.diagnosis.constants import LEVEL
 from hil.diagnosis.residuals import Spectrum, View, order_spectra, time_spectra, views
 from hil.diagnosis.types import Candidate
 from hil.identify.fit import QUANTITIES, range_limits
@@ -366,7 +365,7 @@ def candidates_figure(m: Material) -> Figure | None:
 
 def _share_bars(fig: Any, m: Material, chosen: list[Candidate], labels: list[str]) -> None:
     share = 100 * np.array([explained(m, c) for c in chosen])
-    seen = np.array([c.p_value <= LEVEL and c.score > 0 for c in chosen])
+    seen = np.array([c.detected and c.score > 0 for c in chosen])
     kinds = (
         (seen, "detected (above noise)", AFTER),
         (~seen, "not detected", "#bdbdbd"),

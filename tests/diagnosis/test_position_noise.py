@@ -6,6 +6,7 @@ import pytest
 
 import hil
 from hil.diagnosis.artefacts import POSITION_NOISE
+from hil.diagnosis.constants import ADEQUATE
 from hil.identify import bands
 from hil.models.model import Band
 
@@ -67,6 +68,18 @@ def test_the_band_is_narrower_behind_much_noise():
     )
     assert bands.NARROWEST <= coarse < 10.0 < fine
     assert bands.shaken(plants.rough_encoder_axis(3e-4), coarse) < bands.NOISY
+
+
+@pytest.mark.parametrize(("noise", "size"), [(3e-5, 0.3), (1e-4, 1.0)])
+def test_a_small_effect_has_no_rival_that_smooths_and_need_not_explain_the_noise(noise, size):
+    law = lambda q, v: size * np.exp(-((v / 0.1) ** 2)) * np.tanh(v / 0.004)  # noqa: E731
+    d = diagnosed(noise, law=law)
+    assert d.verdict == "missing-effect"
+    (finding,) = d.findings
+    assert finding.effect == "stribeck" and finding.confidence > 0.8
+    assert not set(finding.rivals) & TRANSMISSION
+    # what is left above the floor is the noise of the positions, and is no effect's to take
+    assert d.explained.result.rms[0] > ADEQUATE * d.floor[0] and finding.excess_explained > 0.7
 
 
 @pytest.mark.slow
