@@ -153,12 +153,16 @@ class Proposal:
         Column of the table by column of the recording, e.g. ``pos_shoulder`` by ``q1``.
     fill : tuple of str
         Columns of a recording that the map lacks, e.g. ``tau2``.
+    plain : bool
+        Whether it may be taken without a look: nothing is lacking, each name says its quantity and
+        a joint of the robot, no factor is to be filled in, and the efforts are measured ones.
     """
 
     text: str
     missing: tuple[str, ...]
     columns: Mapping[str, str]
     fill: tuple[str, ...] = ()
+    plain: bool = False
 
 
 def propose(
@@ -209,7 +213,16 @@ def propose(
     left = [c for c in {c.name: c for c in (*said, *columns)}.values() if c.name not in used]
     named = order if order and all(j in joints for j in order) else []
     text = _written(proposed, named, order, fill, left, taken)
-    return Proposal(text, missing, {k: c.name for k, c in proposed.items()}, fill)
+    whole = not missing and all(len(some) == len(order) for some in taken.values())
+    plain = bool(named) and whole and all(_is_plain(k, c) for k, c in proposed.items())
+    return Proposal(text, missing, {k: c.name for k, c in proposed.items()}, fill, plain)
+
+
+def _is_plain(target: str, c: _Column) -> bool:
+    """Whether a column is what its name says, in a unit that is known or not said."""
+    stem = target.rstrip("0123456789")
+    in_doubt = c.asked or bool(c.unit and c.unit not in _KIND) or (stem, c.stem) == ("tau", "i")
+    return not in_doubt and not scale_asked(stem, c.unit)
 
 
 def _called(names: Sequence[str], first: Mapping[str, str]) -> dict[str, str]:

@@ -152,11 +152,15 @@ class TableMap:
         if unit != "deg":
             return replace(self, unit=unit or self.unit, units_of=units)
         degrees = {"q": Unit("deg"), "qd": Unit("deg/s")}
+        return replace(self.within_units(degrees), unit="rad", units_of=units | degrees)
+
+    def within_units(self, units: Mapping[str, Unit]) -> TableMap:
+        """The map with units, by stem, for the rules that do not say theirs."""
         arms = {
-            arm: {target: _in_units(target, rule, degrees) for target, rule in rules.items()}
+            arm: {target: _in_units(target, rule, units) for target, rule in rules.items()}
             for arm, rules in self.arms.items()
         }
-        return replace(self, arms=arms, unit="rad", units_of=units | degrees)
+        return replace(self, arms=arms)
 
 
 def _in_units(target: str, rule: Rule, units: Mapping[str, Unit]) -> Rule:

@@ -276,7 +276,7 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     """
     from hil.record.mapfile import TableMap, read_map
     from hil.record.table_files import open_table
-    from hil.record.tables import read_columns
+    from hil.record.tables import BY_JOINTS, read_columns
     from hil.record.units import axes_unit
 
     words = choice.table
@@ -307,6 +307,8 @@ def _of_table(path: Path, choice: BagChoice) -> list[Recording]:
     left = f"; not used: {', '.join(families(unused))}" if unused else ""
     units = "with positions in degrees" if words.unit == "deg" else "in SI units"
     how = f"by the map {name}" if name else f"by their names, {units}"
+    if any(n.startswith(BY_JOINTS) for n in found.notes):
+        how = "by their names"
     unsaid = all(STATED not in r.metadata for r in found.recordings)
     if unsaid and not (name or described or mapping.unit):
         how += " (joints that turn are assumed; unit m is for axes that slide)"

@@ -27,7 +27,7 @@ from hil.record.column_checks import (
     unwrapped,
     whole_rows,
 )
-from hil.record.guess import quantity, unit_named
+from hil.record.guess import propose, quantity, unit_named
 from hil.record.locked import (
     ColumnsRobot,
     columns_robot,
@@ -37,16 +37,18 @@ from hil.record.locked import (
     grouped,
     in_base_axes,
 )
-from hil.record.mapfile import Rule, TableMap, is_target, refuse_constants
+from hil.record.mapfile import Rule, TableMap, is_target, parse_map, refuse_constants
 from hil.record.recording import GROUPS, SIGNAL, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import axes_unit, stem_of, time_unit
 from hil.record.urdf_joints import UrdfJoint
-from hil.userfile import read_text
+from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]
 EXTRAS = "hil_msgs/msg/Extras"
+#: How the note begins on columns that no map names.
+BY_JOINTS = "columns are taken by the joints and units that their names say"
 #: Columns that a table of one joint may have without its number; `i` is often a row's number.
 OF_A_JOINT = ("q", "qd", "tau", "tauext")
 
@@ -166,14 +168,15 @@ def _read_columns(
     table: ForeignTable, given: TableMap, robot: str | Path | RobotSource, arm: str
 ) -> Imported:
     tables = {"": table, **_joined(table, given)}
+    source, joints = _robot(given, table.path, robot)
+    given, named = _by_joints(table, given, joints)
     arms = _select(given, arm)
     for name in arms:
         refuse_arm(name)
-    source, joints = _robot(given, table.path, robot)
     recordings: list[Recording] = []
     used: set[str] = set()
     extra: dict[str, FloatArray] = {}
-    notes = list(table.notes)
+    notes = [*table.notes, *named]
     every: list[Mapping[str, Rule]] = []
     for name, rules in arms.items():
         filled, guessed = _with_defaults(rules, table, given)
@@ -231,6 +234,26 @@ def _joined(table: ForeignTable, given: TableMap) -> dict[str, ForeignTable]:
 
 def _prefixed(prefix: str, table: ForeignTable) -> tuple[str, ...]:
     return tuple(f"{prefix}.{n}" if prefix else n for n in table.names)
+
+
+def _by_joints(
+    table: ForeignTable, given: TableMap, joints: Sequence[UrdfJoint]
+) -> tuple[TableMap, list[str]]:
+    """A map by names that say joints of the robot, and what was taken; as given where none do.
+
+    Only where no map and no default name says where the positions are, and nothing is in doubt.
+    """
+    known = {stem_of(n) for n in _called(table.names).values() if is_target(n)}
+    if not joints or any(given.arms.values()) or given.patterns or "q" in known:
+        return given, []
+    found = propose(table.names, given.joints or [j.name for j in joints], table.first)
+    if found is None or not found.plain:
+        return given, []
+    made = parse_map(parse_toml(found.text)).within_units(given.units_of)
+    first = ", ".join(f"{k} = {n}" for k, n in found.columns.items() if k in ("t", "q1", "tau1"))
+    said = f"{BY_JOINTS}: {first}, and so on"
+    more = replace(given, arms=made.arms, joints=given.joints or made.joints)
+    return replace(more, units_of={**made.units_of, **given.units_of}), [said]
 
 
 def _with_defaults(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import plants
@@ -10,6 +11,7 @@ import pytest
 from record_tables import URDF, columns, write_csv
 from scipy.io import savemat
 
+import hil
 from hil.cli import main
 from hil.models.files import read_model
 from hil.models.model import base_model
@@ -74,6 +76,71 @@ def test_urdf_names_the_joints_and_travels_along(tmp_path):
     back = load(tmp_path / "s.mcap")
     assert (back.joints, back.arm) == (("shoulder", "elbow"), "left")
     assert (back.robot.urdf, back.robot.tip) == (URDF, "hand")
+
+
+def _named(r, form, degrees=False):
+    """Columns with the joints' names, the second joint first; positions in degrees on request."""
+    out = {"time": r.t}
+    for k, joint in ((1, "elbow"), (0, "shoulder")):
+        for what, x in (("position", r.q), ("velocity", r.qd), ("effort", r.tau)):
+            if x is not None:
+                unit = " [deg]" if degrees and what == "position" else ""
+                scale = 180 / np.pi if unit else 1.0
+                out[form.format(joint, what) + unit] = scale * x[:, k]
+    return out
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+@pytest.mark.parametrize("form", ["{1}.{0}", "/joint_states/{0}/{1}", "{0}_{1}"])
+def test_columns_that_name_joints_of_the_robot_need_no_map(tmp_path, capsys, form, degrees):
+    (tmp_path / "two.urdf").write_text(URDF)
+    r = plants.joints()
+    table = write_csv(tmp_path / "run.csv", _named(r, form, degrees))
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main([*words, "--robot", str(tmp_path / "two.urdf")]) == 0
+    said = capsys.readouterr().out
+    assert "by the joints and units that their names say: t = time, q1 = " in said
+    back = load(tmp_path / "s.mcap")
+    assert back.joints == ("shoulder", "elbow")
+    np.testing.assert_allclose(back.q, r.q, atol=1e-12)
+    np.testing.assert_array_equal(back.tau, r.tau)
+
+
+def test_the_analyses_read_such_a_table_too_and_say_so(tmp_path):
+    (tmp_path / "two.urdf").write_text(URDF)
+    table = write_csv(tmp_path / "run.csv", _named(plants.joints(), "{1}_{0}", True))
+    read = hil.load(table, robot=tmp_path / "two.urdf")
+    assert "run.csv: columns by their names; columns are taken by" in read.metadata["note"]
+    assert "SI" not in read.metadata["note"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("effort_elbow", "effort_wheel"),  # of no joint
+        ("effort_", "torque_cmd_"),  # asked for, not measured
+        ("effort_", "current_A_"),  # a factor is lacking
+        ("position_elbow", "elbow"),  # its quantity is not said
+        ("velocity_elbow", "speed_of_elbow_in_furlongs [furlong/s]"),
+    ],
+)
+def test_names_that_leave_a_doubt_are_refused_with_the_way_out(tmp_path, capsys, old, new):
+    (tmp_path / "two.urdf").write_text(URDF)
+    r = plants.joints()
+    made = _named(replace(r, qd=0 * r.q), "{1}_{0}")
+    table = write_csv(tmp_path / "run.csv", {n.replace(old, new): x for n, x in made.items()})
+    words = ["import", str(table), "-o", str(tmp_path / "s.mcap")]
+    assert main([*words, "--robot", str(tmp_path / "two.urdf")]) == 2
+    assert "--propose-map" in capsys.readouterr().err
+    assert not (tmp_path / "s.mcap").exists()
+
+
+def test_default_names_go_before_names_of_joints(tmp_path):
+    (tmp_path / "two.urdf").write_text(URDF)
+    r = plants.joints()
+    table = write_csv(tmp_path / "run.csv", {**columns(r), "position_elbow": 0 * r.t})
+    read = hil.load(table, robot=tmp_path / "two.urdf")
+    np.testing.assert_array_equal(read.q, r.q)
 
 
 def test_base_model_is_made_once(tmp_path, capsys):
