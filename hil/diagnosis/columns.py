@@ -660,7 +660,8 @@ def _changes(result: FitResult) -> Iterator[_Change]:
 
 def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answer]:
     """Postures that fit in another way; none where none does."""
-    if isinstance(result.problem.robot, IndependentAxes) or result.problem.d < 2:
+    arm = result.problem.d > 1 and not isinstance(result.problem.robot, IndependentAxes)
+    if not arm or np.all(result.problem.holds):
         return []
     before, out = _size(result), []
     for x in countings(result, recordings):

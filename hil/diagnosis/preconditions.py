@@ -46,7 +46,8 @@ FloatArray = NDArray[np.float64]
 def undetermined(result: FitResult) -> list[tuple[str, str]]:
     """Reasons (code, sentence) why nothing can be concluded; empty if something can.
 
-    *No motion*: every joint's speed stays below what the encoder and filter resolve.
+    *No motion*: every joint holds its place, or its speed stays below what the encoder and filter
+    resolve.
     *Rigid contact*: the force varies while the position hardly does, so stiffness is bounded
     from below only: least squares of force on position and of position on force then differ
     by 1 / R^2, the attenuation that noise in the position causes.
@@ -54,10 +55,23 @@ def undetermined(result: FitResult) -> list[tuple[str, str]]:
     problem = result.problem
     if result.model.explains == "external":
         return _rigid(result)
+    if np.all(problem.holds):
+        return [("no-motion", _all_held(problem))]
     speed = np.sqrt(np.mean(problem.qd**2, axis=1))
     if np.all(speed < CERTAIN * problem.speed_noise):
         return [("no-motion", _slow(problem, speed))]
     return _short(problem)
+
+
+def _all_held(problem: Problem) -> str:
+    """How little every joint moves."""
+    spans = np.ptp(np.concatenate([r.q for r in problem.recordings]), axis=0)
+    units = zip(problem.joints, spans.tolist(), problem.robot.units, strict=True)
+    parts = ", ".join(f"{joint} moves by {x:.2g} {unit}" for joint, x, unit in units)
+    return (
+        f"every joint holds its place: {parts}. Such a recording tells nothing of friction and "
+        "inertia. Move the joints by at least a hundred steps of their encoders"
+    )
 
 
 def _slow(problem: Problem, speed: FloatArray) -> str:

@@ -72,13 +72,20 @@ CROSSING = 2.0
 def problem_of(x: Trajectory, source: RobotSource, rates: Rates, quantum: FloatArray) -> Problem:
     """Problem of one period of a motion, without efforts.
 
-    `quantum` (d,) [rad or m] is what the encoders resolve: what is slower than that stands.
+    `quantum` (d,) [rad or m] is what the encoders resolve: what is slower than that stands.  The
+    motion itself is not rounded: steps of coarse encoders are accelerations that no motor has.
     """
     t = grid(x, OVERSAMPLING * rates.position)
-    q = np.round(sample(x, t)[0] / quantum) * quantum
+    exact = sample(x, t)[0]
+    q = np.round(exact / quantum) * quantum
     nothing = np.zeros_like(q)
     run = Recording(x.name, "arm", x.joints, t, q, nothing, robot=source)
-    return Problem([run], source, rates=rates)
+    problem = Problem([run], source, rates=rates)
+    (m,) = problem.motions
+    lost = bands.derivatives(exact - q, run.rate, rates.position)
+    e, de, dde = (bands.every(z, m.dt * run.rate)[: m.n] for z in lost)
+    problem.motions = [m.with_(q=m.q + e, qd=m.qd + de, qdd=m.qdd + dde)]
+    return problem
 
 
 def complete(problem: Problem, terms: Sequence[Term], theta: FloatArray) -> None:

@@ -137,7 +137,7 @@ def remains(m: Material) -> str:
     j = int(np.argmax(ratios))
     if m.verdict == "unexplained" and m.after.heldout.kind == "holdout" and ratios[j] <= ADEQUATE:
         return _fitted_alone(m)
-    if ratios[j] <= ADEQUATE or m.verdict == "adequate":
+    if ratios[j] <= ADEQUATE or m.verdict in ("adequate", "not-identifiable"):
         return ""
     lead = "With the named effects alone the" if m.findings else "The"
     still = "still " if m.findings else ""

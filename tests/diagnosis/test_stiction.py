@@ -13,6 +13,8 @@ from hil.identify.slow_motion import longest_shift, slow_delay
 from hil.identify.timing import fit_aligned
 from hil.models.friction import Presliding
 from hil.models.model import base_model
+from hil.report import text as report_text
+from hil.report.data import from_diagnosis
 
 
 @pytest.mark.parametrize("seed", plants.seeds(1, 2, 3))
@@ -95,6 +97,19 @@ def test_a_few_seconds_name_nothing() -> None:
     out = diagnose([run], base_model(run.robot))
     assert out.verdict == "not-identifiable"
     assert "Record 5 s or more" in out.warnings[0][1]
+
+
+def test_an_arm_that_holds_its_place_names_nothing_and_says_so() -> None:
+    """All joints moved by a few steps of their encoders: an internal error."""
+    from dataclasses import replace
+
+    run = plants.serial_arm(2, 1, noise=0.003)
+    count = 2e-4
+    still = replace(run, q=np.round(run.q / np.abs(run.q).max() * 2) * count)
+    out = diagnose([still], base_model(run.robot))
+    assert out.verdict == "not-identifiable" and not out.findings
+    assert out.warnings[0][0] == "no-motion" and "holds its place" in out.warnings[0][1]
+    assert "noise floor" not in report_text.headline(from_diagnosis(out))
 
 
 @pytest.mark.parametrize("rests", [0.08, 0.0])

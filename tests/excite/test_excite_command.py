@@ -156,6 +156,13 @@ def test_a_motion_that_no_size_brings_below_the_torque_limit_is_refused(tmp_path
     assert "about another posture (at j = 1.5" in said and "larger torque limit" in said
 
 
+def test_a_torque_that_gravity_leaves_nothing_of_for_friction_is_refused(tmp_path, capsys):
+    weak = 'lower="-0.5" upper="2" velocity="1.5" effort="0.9"'
+    assert planned(tmp_path, weak, "--for", "stribeck") == (2, [])
+    said = capsys.readouterr().err
+    assert "torque j" in said and "friction and what moves the rest" in said
+
+
 def test_a_posture_in_which_gravity_takes_less_helps_as_it_says(tmp_path, capsys):
     upright = 'lower="1.2" upper="1.9" velocity="1.5" effort="0.5"'
     code, files = planned(tmp_path, upright, "--for", "stribeck", "--json")
@@ -183,12 +190,12 @@ def test_the_condition_number_is_also_said_with_the_torque_offset(tmp_path, caps
 
 def test_a_torque_limit_of_the_rig_file_is_kept_or_the_motion_refused(tmp_path, capsys):
     rig = tmp_path / "rig.toml"
-    weak = "[arms.leader]\ntorque_limit = [0.03, 0.03, 0.03]\n"
+    weak = "[arms.leader]\ntorque_limit = [0.027, 0.027, 0.027]\n"
     rig.write_text(RIG.read_text(encoding="utf-8").replace("[arms.leader]\n", weak), "utf-8")
     words = ["--for", "stribeck", "--joint", "joint2", "--seconds", "8"]
     assert main(["excite", str(rig), *words, "-o", str(tmp_path / "x.toml")]) == 2
     said = capsys.readouterr().err
-    assert "torque joint2" in said and "friction and what moves the rest" in said
+    assert "torque joint3" in said and "of 0.027 N m" in said and "Gravity alone takes" in said
     assert not (tmp_path / "x.toml").exists()
 
 

@@ -77,4 +77,4 @@ def test_what_the_menu_assumes_is_printed(tmp_path, capsys):
     assert main([*words, "-o", str(tmp_path / "axis.toml")]) == 0
     text = capsys.readouterr().out
     assert "assumed: an effect of 0.5 % of the torque limit, a noise of 0.1 %" in text
-    assert "stribeck with vs = 0.176 rad/s, n = 1" in text
+    assert "stribeck with vs = 0.175 rad/s, n = 1" in text

@@ -159,6 +159,20 @@ def test_one_of_several_rivals_is_told_from_the_model_alone():
     assert alone.never == () and alone.options[0].verdict.odds >= both.options[0].verdict.odds > 0
 
 
+def test_steps_of_a_coarse_encoder_are_no_accelerations_of_the_motion():
+    """An arm behind 2^14 counts had been moved by a tenth of what its motors allow."""
+    _, _, space = premium()
+    wanted = choose.MENU["fast-strokes"](space, 0, 12.0)
+    fine, coarse = (
+        question.problem_of(wanted, PREMIUM, Rates(60.0, 20.0), np.full(3, x)) for x in (1e-9, 4e-4)
+    )
+    for a, b in zip(fine.motions, coarse.motions, strict=True):
+        for x, y in ((a.q, b.q), (a.qd, b.qd), (a.qdd, b.qdd)):
+            np.testing.assert_allclose(y, x, atol=1e-6 * np.abs(x).max())
+    # what it resolves stays coarse: what is slower than that stands
+    assert coarse.motions[0].resolution[0] > 5 * fine.motions[0].resolution[0]
+
+
 @pytest.mark.parametrize(("rests_at", "moves_with"), [(1.2, 0.5), (0.0, 2.0), (0.3, 0.1)])
 def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, moves_with):
     _, limits, space = premium()
