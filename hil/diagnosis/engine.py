@@ -527,6 +527,7 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     every = _of_no_size(every, named, search)
     partial = [f for f in every if f.confidence < (RIVAL if f.rivals else HALF) or f.of_no_size]
     findings = [f for f in every if f not in partial]
+    last = _with_theirs(last, search, partial)
     ladder = unnamed(search, named, every, partial)
     # what stands for a robot description explains nothing either
     stands = [(a, b) for a, b in pairwise(search.rungs) if _geometry(b)]
@@ -546,6 +547,14 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     if out.verdict == "adequate" and any(c.share * power[c.joint] > 1 for c in last.changes):
         out.verdict = "unexplained"
     return out
+
+
+def _with_theirs(last: Evidence, search: Search, partial: list[Finding]) -> Evidence:
+    """The last evidence with the changes in place of which names did not stand."""
+    first = search.first.changes if search.first else ()
+    better = [x for x in first if any(f.reason.startswith(x.subject) for f in partial)]
+    joints = {x.joint for x in better}
+    return replace(last, changes=(*better, *(x for x in last.changes if x.joint not in joints)))
 
 
 def _of_no_size(every: list[Finding], named: list[Named], search: Search) -> list[Finding]:

@@ -163,12 +163,33 @@ def _explain(
             if what
             else "left-out data show little of what it explains",
         ),
+        _of_one_run(search, c, floors[0]),
         (everywhere, f"the named effects explain {100 * max(everywhere, 0.0):.0f} % {above}"),
         (
             held,
             f"on the held-out runs the named effects explain {100 * max(held, 0.0):.0f} % {above}",
         ),
     ]
+
+
+def _of_one_run(search: Search, c: Candidate, floor: FloatArray) -> tuple[float, str]:
+    """Nothing where one value of one run leaves less than all values of an effect of single runs.
+
+    Less than half of what that effect leaves above the floor: a spring that one session has is no
+    payload, though a payload pulls like it near a posture.  What was named beside it later, on its
+    joint, is a part of that.
+    """
+    if search.first is None:
+        return 1.0, ""
+    j, least, base = c.joint, float(floor[c.joint]) ** 2, search.base.result.rms
+    until = search.rungs[: rung_with(search, c) + 1]
+    after = [r for r in until if any(x.term.per_run and x.joint == j for x in r.added)]
+    for x in search.first.changes:
+        left = (1 - x.share) * float(base[j]) ** 2 - least
+        whole = x.joint == search.problem.joints[j] and not x.at
+        if whole and any(left < HALF * (float(r.result.rms[j]) ** 2 - least) for r in after):
+            return 0.0, f"{x.subject} explains the same error better"
+    return 1.0, ""
 
 
 def _left_share(search: Search, j: int) -> float:

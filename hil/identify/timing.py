@@ -156,8 +156,9 @@ def _in_time(
         before = result.relative
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
-        if abs(shift) < CLEAR * error and _ratio(result, before) > 1.0:
-            # neither the slow motion is sure of it nor does the whole band want it
+        most = 1.0 if abs(shift) < CLEAR * error else 1 + LESS
+        if _ratio(result, before) > most:
+            # the slow motion is not sure of it, or wrong: the whole band does not want it
             problem.shift_effort(-shift)
             result = fit(problem, model, scale=scale)
             break

@@ -203,6 +203,15 @@ def test_a_description_that_is_a_bit_wrong_is_no_payload(wrong: int, fixed: bool
         assert "payload" not in {f.effect for f in (*answer.findings, *answer.partial)}
 
 
+def test_a_spring_that_one_session_has_is_no_payload() -> None:
+    """A payload of ten values took 98 % of it, at 1.00, and a stop the rest."""
+    one, two = (plants.serial_arm(2, k, noise=0.003) for k in (1, 2))
+    d = hil.diagnose([one, replace(two, tau=two.tau + 6.0 * two.q * [0, 1])], base_model(one.robot))
+    assert d.verdict == "unexplained" and not d.findings
+    assert "another stiffness in run2 (+6 N m/rad) explains most" in str(d)
+    assert all(f.reason.endswith("explains the same error better") for f in d.partial)
+
+
 def test_a_model_with_a_mass_at_the_tip_still_reads(tmp_path) -> None:
     """A file from before bodies had a centre: its mass sits at the tip."""
     runs = [plants.serial_arm(2, 1), plants.serial_arm(2, 2, 2)]
