@@ -140,10 +140,14 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
     if doubtful := doubts(d.warnings):
         lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
-        lines += ["", _names_table(d)]
+        shown, others = _likely(d)
+        lines += ["", _names_table(d, shown)]
         open_ = d.verdict == "ambiguous"
-        with_rivals = [f for f in d.findings if f.rivals and (open_ or f.confidence < CONFIDENT)]
+        with_rivals = [f for f in shown if f.rivals and (open_ or f.confidence < CONFIDENT)]
         lines += [f"  rivals of {where(f)}: {', '.join(f.weighed_rivals)}" for f in with_rivals]
+        if others:
+            names = listed([f"{where(f)} ({f.confidence:.2f})" for f in others])
+            lines.append(f"  less likely than their rivals, see --verbose: {names}")
         sure = [f for f in d.findings if f.confidence >= CONFIDENT]
         noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
@@ -395,10 +399,25 @@ def _effort(kind: Effect, known: dict[str, Any]) -> FloatArray | None:
     return np.asarray(slow) if np.array_equal(slow, fast) else None
 
 
-def _names_table(d: Diagnosis) -> str:
-    """Effects that were found, a row each, with the value that tells their size."""
+#: Names that a short answer lists before it puts those that their rivals beat into one line.
+_NAMES = 3
+
+
+def _likely(d: Diagnosis) -> tuple[list[Finding], list[Finding]]:
+    """Findings of a short answer, and those that are hardly names beside sure ones."""
+    many = len(d.findings) > _NAMES and any(f.confidence >= CONFIDENT for f in d.findings)
+    doubtful = [f for f in d.findings if many and f.confidence < HALF]
+    return [f for f in d.findings if f not in doubtful], doubtful
+
+
+def _names_table(d: Diagnosis, shown: list[Finding] | None = None) -> str:
+    """Effects that were found, a row each, with the value that tells their size.
+
+    The values stand below it where the terminal is too narrow for them.
+    """
     rows, joints = [], d.result.problem.joints
-    for f in d.findings:
+    shown = d.findings if shown is None else shown
+    for f in shown:
         value = _late(d, f) or _telling(f, _contribution(d, f), d.result.problem)
         rows.append(
             [
@@ -410,9 +429,14 @@ def _names_table(d: Diagnosis) -> str:
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
-    table = terminal.table(head, rows, (0, 4))
-    notes = [ERRORS] if any(_later(d, f) for f in d.findings) else []
-    notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in d.findings) else []
+    wide = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    if sum(wide) + 2 * len(wide) <= (terminal.width() or math.inf):
+        table, notes = terminal.table(head, rows, (0, 4)), []
+    else:
+        table = terminal.table(head[:-1], [row[:-1] for row in rows], (0,))
+        notes = [f"{row[0]}: {row[-1]}" for row in rows]
+    notes += [ERRORS] if any(_later(d, f) for f in shown) else []
+    notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in shown) else []
     return "\n  ".join([table, *notes])
 
 

@@ -125,6 +125,46 @@ def test_the_next_command_adds_what_is_missing_unless_it_is_added_already():
     assert "    hil " not in short(d, ladder(d), None)
 
 
+@pytest.fixture(scope="module")
+def four():
+    """A sure name, and three that a rival of them is likelier than."""
+    stop = diagnose([run := plants.axis_with_stop(1.0, 1)], model(run))
+    (sure,) = stop.findings
+    doubtful = {"confidence": 0.3, "rivals": ["backlash"], "rival_weights": [0.7]}
+    names = ("presliding", "spring", "cogging")
+    others = [replace(sure, effect=n, parameters={}, **doubtful) for n in names]
+    stop.findings = [sure, *others]
+    return stop
+
+
+def test_names_that_their_rivals_beat_share_a_line_where_there_are_many(four):
+    lines = short(four, ladder(four), None).splitlines()
+    said = (
+        "  less likely than their rivals, see --verbose: presliding on joint1 (0.30), spring on "
+        "joint1 (0.30) and cogging on joint1 (0.30)"
+    )
+    assert said in lines and not any("backlash" in x for x in lines)
+    assert not any(x.startswith("  presliding on joint1") for x in lines)
+    assert "rivals with this motion: backlash" in text(four, ladder(four), verbose=True)
+    # fewer of them, or none that is sure, are in the table
+    for some, said in ((slice(2), "missing-effect"), (slice(1, None), "ambiguous")):
+        fewer = replace(four, findings=four.findings[some], verdict=said)
+        lines = short(fewer, ladder(four), None).splitlines()
+        assert any(x.startswith("  presliding on joint1, or a rival ") for x in lines)
+        assert any(x.startswith("  rivals of presliding on joint1: backlash") for x in lines)
+
+
+def test_values_stand_below_the_table_where_the_terminal_is_narrow(four, monkeypatch):
+    sure = four.findings[0]
+    wide = short(four, ladder(four), None)
+    (row,) = (x for x in wide.splitlines() if x.startswith(f"  {sure.effect} on joint1 "))
+    value = row.split("  ")[-1]
+    monkeypatch.setattr(terminal, "width", lambda *_: 80)
+    narrow = short(four, ladder(four), None)
+    assert f"\n  {sure.effect} on joint1: {value}\n" in narrow
+    assert "explains %  value" in wide and "explains %\n" in narrow
+
+
 def test_an_adequate_model_has_one_error_and_no_command(plain):
     said = short(plain, ladder(plain), Files())
     assert "improved %" not in said
