@@ -404,6 +404,8 @@ class _Chosen:
     units: tuple[str, ...]
     locked: Mapping[str, float]
     asked: frozenset[str] = frozenset()
+    #: Whether the description is the bag's own.
+    own: bool = False
 
 
 def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoice) -> _Chosen:
@@ -436,7 +438,7 @@ def _joints(bag: _Bag, arm: str, state: _Group, effort: _Group, chosen: BagChoic
     text, locked = locked_urdf(urdf, names, {**held, **chosen.lock})
     units = tuple(j.unit for j in known if j.name in names)
     robot = RobotSource("", text, chosen.tip)
-    return _Chosen(names, robot, units, locked, asked)
+    return _Chosen(names, robot, units, locked, asked, not chosen.robot)
 
 
 def _renamed(group: _Group, called: Mapping[str, str]) -> _Group:
@@ -679,6 +681,7 @@ def _told(
         axes = f"the axes of {force.frame}" if known else "the axes of the base"
         said += f", force on the robot of {force.topic} in {axes}"
     said += f", joints {', '.join(what.names)}"
+    said += "; robot: the description in the bag" if what.own else ""
     if what.locked:
         places = ", ".join(f"{n} at {v:.4g}" for n, v in what.locked.items())
         said += f"; locked: {places}"

@@ -419,7 +419,7 @@ def _episode(folder: Path, run: str) -> ForeignTable:
             f"LeRobot data set {folder} holds {len(episodes)} episodes ({some}, ...); choose one "
             f"with --run, or make a session of each: hil import {folder} --all-runs -o SESSIONS"
         )
-    name = run or next(iter(episodes))
+    name = f"episode_{int(run):06d}" if run.isdecimal() else run or next(iter(episodes))
     if name not in episodes:
         raise DataError(f"LeRobot data set {folder}: " + unknown("episode", name, episodes))
     file, number = episodes[name]

@@ -69,6 +69,12 @@ def test_each_generation_comes_back_exactly_in_the_order_of_the_robot(tmp_path, 
     assert "/joint_states" in r.metadata["note"]
 
 
+def test_a_description_of_the_bags_own_is_said(tmp_path):
+    for choice, own in ((BagChoice(), True), (BagChoice(robot=URDF), False)):
+        (r,) = read_bag(simple(tmp_path, name=f"run{own}"), choice)
+        assert ("robot: the description in the bag" in r.metadata["note"]) is own
+
+
 @pytest.mark.parametrize("kind", ["mcap", "db3"])
 def test_a_file_of_a_folder_is_a_bag_without_its_metadata(tmp_path, kind):
     file = next(simple(tmp_path, kind).glob(f"*.{kind}"))
