@@ -480,6 +480,18 @@ def test_what_is_hardly_known_of_a_lateness_is_hardly_taken_out(
     assert sample_shift(result)[0] == pytest.approx(0.6 * share * longest, rel=2e-3)
 
 
+def test_a_lateness_that_raises_the_error_of_the_whole_band_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """However sure the slow motion is: the sign of friction may be blunt there."""
+    problem = Problem([plants.counted_axis(20.0, noise=1e-3)], AXIS.robot)
+    told = iter([(-0.8 * longest_shift(problem), 1e-9), (0.0, 0.0)])
+    monkeypatch.setattr("hil.identify.timing.sample_shift", lambda *_: next(told))
+    result = fit_aligned(problem, AXIS)
+    assert problem.shift == 0.0
+    assert result.relative[0] == pytest.approx(fit(problem, AXIS).relative[0])
+
+
 @pytest.mark.parametrize(
     ("late", "error", "taken"), [(-1.2, 0.1, -1.0), (1.2, 0.1, 0.0), (-1.2, 0.01, 0.0)]
 )
