@@ -119,7 +119,7 @@ def within(
     found = _feasible(content, rows, mended)
     if found is None:
         return Within(content, model, notes=notes)
-    return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found)))
+    return Within(replace(content, bodies=found.bodies), model, (), (*notes, _said(found, content)))
 
 
 #: The effect that is no part of a program's words, for it is how the robot stands.
@@ -223,7 +223,7 @@ def _refitted(
     found = _feasible(content, _measured(after.result), mended) if asked else None
     if found is None:
         return Within(content, after.result.model, steps, (*notes, *_worthless(steps), *refit.held))
-    notes.append(_said(found))
+    notes.append(_said(found, content))
     if not holdout:
         notes.append("the bodies were found on all the data, the held-out blocks included")
     # the errors that are shown are those of the very bodies that are written
@@ -449,16 +449,36 @@ def _feasible(content: Content, rows: FloatArray, mended: bool) -> NearestBodies
     )
 
 
-def _said(found: NearestBodies) -> str:
+#: Factor between a written mass and the described one from which it is told.
+_OTHER_MASS = 2.0
+
+
+def _said(found: NearestBodies, content: Content) -> str:
     change = f"the efforts of the bodies change by {100 * found.change:.2g} %"
     if found.change == 0.0:
         change = "the efforts stay the same"
+    if told := _other_masses(found, content):
+        change += f". Masses far from those of the description: {told}"
     if found.same:
         return (
             "masses and inertias that the data do not determine were chosen so that every body is "
             f"feasible; {change}"
         )
     return f"masses and inertias are the nearest feasible ones; {change}"
+
+
+def _other_masses(found: NearestBodies, content: Content) -> str:
+    """Masses that are written far from the described ones: a body's centre of mass may need them.
+
+    m Ixx >= (m z)^2: a first moment that took up a spring asks for a heavy body.
+    """
+    tree = content.tree
+    described = (tree.spread @ content.robot.prior).reshape(-1, 10)[:, 0]
+    told = []
+    for joint, m, m0 in zip(tree.joints, found.bodies[:, 0], described, strict=True):
+        if m0 > 0.0 and not m0 / _OTHER_MASS < m < m0 * _OTHER_MASS:
+            told.append(f"{m:.3g} kg behind {joint} ({m0:.3g})")
+    return ", ".join(told)
 
 
 def _measured(result: FitResult) -> FloatArray:

@@ -75,6 +75,19 @@ def test_an_infeasible_model_is_refused_with_the_nearest_one_offered():
     assert any("are the nearest feasible ones" in x for x in found.notes)
 
 
+def test_masses_far_from_the_description_are_told():
+    """A first moment of the last link that took up a spring asks for a heavy body."""
+    bodies = bare_robot(SOURCE).prior.reshape(-1, 10).copy()
+    described = bodies[2, 0]
+    bodies[2, 3] = -10 * np.sqrt(described * bodies[2, 4:].max())  # m z of ten times the most
+    found = within(model(bodies), Vocabulary(), [], [], mended=True)
+    (said,) = (x for x in found.notes if "nearest feasible ones" in x)
+    written = found.content.bodies[2, 0]
+    assert written > 2 * described
+    assert ". Masses far from those of the description: " in said
+    assert f"{written:.3g} kg behind fore ({described:.3g})" in said
+
+
 def test_a_preset_with_lumped_parameters_has_no_urdf():
     source = RobotSource("phantom-premium-1.5")
     values = {"j1.viscous.fv": Value(0.1)}
