@@ -70,7 +70,7 @@ def _all_held(problem: Problem) -> str:
     parts = ", ".join(f"{joint} moves by {x:.2g} {unit}" for joint, x, unit in units)
     return (
         f"every joint holds its place: {parts}. Such a recording tells nothing of friction and "
-        "inertia. Move the joints by at least a hundred steps of their encoders"
+        "inertia. Move faster or wider, by a hundred steps of each encoder or more"
     )
 
 
