@@ -147,7 +147,7 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
         lines += [f"  rivals of {where(f)}: {', '.join(f.weighed_rivals)}" for f in with_rivals]
         if others:
             names = listed([f"{where(f)} ({f.confidence:.2f})" for f in others])
-            lines.append(f"  less likely than their rivals, see --verbose: {names}")
+            lines.append(f"  of less than even odds, see --verbose: {names}")
         sure = [f for f in d.findings if f.confidence >= CONFIDENT]
         noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
@@ -399,7 +399,7 @@ def _effort(kind: Effect, known: dict[str, Any]) -> FloatArray | None:
     return np.asarray(slow) if np.array_equal(slow, fast) else None
 
 
-#: Names that a short answer lists before it puts those that their rivals beat into one line.
+#: Names that a short answer lists before it puts those of less than even odds into one line.
 _NAMES = 3
 
 

@@ -137,10 +137,10 @@ def four():
     return stop
 
 
-def test_names_that_their_rivals_beat_share_a_line_where_there_are_many(four):
+def test_names_of_less_than_even_odds_share_a_line_where_there_are_many(four):
     lines = short(four, ladder(four), None).splitlines()
     said = (
-        "  less likely than their rivals, see --verbose: presliding on joint1 (0.30), spring on "
+        "  of less than even odds, see --verbose: presliding on joint1 (0.30), spring on "
         "joint1 (0.30) and cogging on joint1 (0.30)"
     )
     assert said in lines and not any("backlash" in x for x in lines)
