@@ -123,7 +123,7 @@ def reasons(found: Sequence[OptimisedDesign]) -> list[str]:
     """Why each optimised axis is not more sensitive: its active constraints."""
     lines = []
     for axis, f in zip("xyz", found, strict=True):
-        lines.append(f"axis {axis}: sensitivity {f.sensitivity:.3f}, held back by (price)")
+        lines.append(f"axis {axis}: sensitivity {f.sensitivity:.3f}, held back by (shadow price)")
         lines += [f"  {a.text} ({a.price:.2g})" for a in f.active if a.price > 1e-3]
     return lines
 

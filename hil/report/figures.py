@@ -399,7 +399,8 @@ def candidates_table(m: Material) -> str:
         ]
         for c in chosen
     ]
-    head = ["effect", "joint", "explains", "chi2", "price", "score", "detection p", "absorbed"]
+    head = ["effect", "joint", "explains", "chi2", "penalty", "chi2 - penalty", "p value"]
+    head.append("imitated by the model")
     return table(head, rows, (0, 1), strong) if rows else ""
 
 
