@@ -48,13 +48,13 @@ ROWS = (
     ("bounded", "min Re z_t, bounded world [N s/m]", ">= 0"),
     ("D", "D = -det Q", "far from 0"),
     ("kappa", "conditioning of Q", "<= 3, at most 9"),
-    ("fsf_smallest", "force-free loop gain", "above the next"),
-    ("fsf_bound", "its sampled bound", ""),
+    ("fsf_smallest", "force-free loop gain", "above the sampled bound"),
+    ("fsf_bound", "sampled bound of that gain", ""),
 )
 MARGINS = (
-    ("pole", "rightmost pole of all pairs [rad/s]", "< 0; 0 = drifts freely"),
+    ("pole", "rightmost pole of all pairs [rad/s]", "< 0 (0: free drift)"),
     ("radius", "sampled eigenvalue", "condition: <= 1"),
-    ("delay_s", "round-trip delay margin [s]", "more than there is"),
+    ("delay_s", "round-trip delay margin [s]", "above the channel's delay"),
 )
 #: Which rows decide; see `hil.teleop.sampled_loop`.
 DECIDES = (

@@ -218,11 +218,11 @@ def candidates(m: Material) -> str:
     """What was tried, what stands out, what cannot be tested."""
     listed = candidates_table(m)
     note = (
-        "Score = chi2 (fall of the squared residual in units of the noise) less a penalty for the "
-        "number of parameters. Detection p: chance that noise alone makes any candidate look "
+        "chi2: fall of the squared residual in units of the noise. Penalty: for the number of "
+        "parameters. p value: chance that noise alone makes any candidate look "
         "this good (0.0025 is the least that the test can show). "
-        "Absorbed: share of the effect that the parameters of the first model can imitate; only "
-        "the rest is evidence. Highlighted: accepted effects. After each accepted effect the "
+        "Imitated: the share of the effect that the first model can imitate. Only "
+        "the rest counts. Highlighted: accepted effects. After each accepted effect the "
         "others were tried again."
     )
     never = [f"{name}: {why}" for name, why in m.first.impossible]
