@@ -412,7 +412,7 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
 
 def add_tables(parser: argparse.ArgumentParser) -> None:
     """--map and what else `hil import` knows of a table that is analysed without a session."""
-    group = parser.add_argument_group("tables", "as of 'hil import'")
+    group = parser.add_argument_group("tables", "same as for 'hil import'")
     group.add_argument("--map", default="", metavar="MAP.toml", help=MAP)
     add_table_words(group)
 

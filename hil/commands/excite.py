@@ -568,7 +568,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", help="arm of the rig; default: the first one that moves")
     parser.add_argument("--joint", help="joint in question; default: all in turn")
     parser.add_argument(
-        "--motion", choices=tuple(choose.MENU), help="this motion of the menu, not the best one"
+        "--motion", choices=tuple(choose.MENU), help="use this motion instead of the best one"
     )
     parser.add_argument(
         "--seconds",

@@ -123,7 +123,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "operating system does",
     )
     parser.add_argument(
-        "--plain", action="store_true", help="no live screen; a bar, and lines as they come"
+        "--plain", action="store_true", help="no live screen: a progress bar and plain lines"
     )
     view.add_live(parser, "stream the session by the Foxglove WebSocket protocol")
     common.add_tags(parser)

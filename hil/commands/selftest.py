@@ -349,7 +349,7 @@ def _confirmed(config: RigConfig, args: argparse.Namespace) -> bool:
         f"\nNow every motor of {', '.join(config.controller.arms)} gets pulses of "
         f"{args.torque:g} N m, one joint at a time.\nRest the arms in their docks, keep clear, one "
         "hand at the emergency stop.\n"
-        f"Type the name of the rig, {config.name}, to go on; anything else ends here: "
+        f"Type the name of the rig, {config.name}, to continue. Anything else ends the test: "
     )
     sys.stderr.flush()
     line = ""

@@ -403,7 +403,7 @@ def nowhere(problem: Problem) -> str:
     """What is said where there is no region."""
     return (
         f"nowhere above the noise band by more than {100 * practical(problem):g} % of the rms "
-        f"effort and {100 * (NEAR_FLOOR - 1):.0f} % of the band; what is less does not matter"
+        f"effort and {100 * (NEAR_FLOOR - 1):.0f} % of the band; smaller errors are ignored"
     )
 
 

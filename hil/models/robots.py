@@ -239,8 +239,8 @@ def undescribed(source: RobotSource, d: int, means: str = "") -> str:
     return (
         f"{d} joints without a robot description: the model has no gravity, no inertia "
         f"coupling and no kinematics. {means} Give --robot ARM.urdf (in the studio: its path). "
-        "The maker of the arm has a URDF, and so has the topic or parameter robot_description; or "
-        "write one with masses and lengths of your own"
+        "Get a URDF from the maker of the arm or from the topic or parameter robot_description, "
+        "or write one with masses and lengths of your own"
     )
 
 

@@ -108,9 +108,9 @@ def test_an_arm_that_runs_away_is_stopped():
 @pytest.mark.parametrize(
     ("typed", "code", "says"),
     [
-        ("identify\n", 0, "ends here: \n"),
-        ("yes\n", 2, "ends here: \nhil selftest: 'yes' is not the name of the rig"),
-        ("", 2, "ends here: \nhil selftest: the input ended; the motors stay off"),
+        ("identify\n", 0, "ends the test: \n"),
+        ("yes\n", 2, "ends the test: \nhil selftest: 'yes' is not the name of the rig"),
+        ("", 2, "ends the test: \nhil selftest: the input ended; the motors stay off"),
     ],
 )
 def test_the_command_asks_for_the_name_of_the_rig(typed, code, says, monkeypatch, capsys):
