@@ -429,10 +429,8 @@ def _names_table(d: Diagnosis, shown: list[Finding] | None = None) -> str:
             ]
         )
     head = ["missing effect", "confidence", "error %", "explains %", "value"]
-    wide = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    if sum(wide) + 2 * len(wide) <= (terminal.width() or math.inf):
-        table, notes = terminal.table(head, rows, (0, 4)), []
-    else:
+    table, notes = terminal.aligned(head, rows, (0, 4), None), list[str]()
+    if max(map(len, table.splitlines())) > (terminal.width() or math.inf):
         table = terminal.table(head[:-1], [row[:-1] for row in rows], (0,))
         notes = [f"{row[0]}: {row[-1]}" for row in rows]
     notes += [ERRORS] if any(_later(d, f) for f in shown) else []

@@ -67,9 +67,9 @@ from hil.diagnosis.verdict import (
     AS_WELL,
     NO_GEOMETRY,
     REFUSED,
-    beside_noise,
     finding,
     finish,
+    floor_with_position_noise,
     matters,
     notes,
     noticed,
@@ -518,8 +518,8 @@ def judged(search: Search, named: list[Named], last: Evidence) -> Diagnosis:
     other = None if there is None else np.minimum(there, ladder[-1].heldout.rms)
     taken = shares(end, search.split, search.found, search.base.errors.power, last.floor.rms)
     # what the positions' measurement makes of an error no name need explain
-    beside = beside_noise(ladder[-1], last, floor)
-    held = None if other is None else beside_noise(ladder[-1], last, other, there=True)
+    beside = floor_with_position_noise(ladder[-1], last, floor)
+    held = None if other is None else floor_with_position_noise(ladder[-1], last, other, there=True)
     every = [finding(n, search, beside, held, taken) for n in named]
     over = above(search, last, there, named)
     left = ladder[-1].heldout.rms > ADEQUATE * (floor if other is None else other)

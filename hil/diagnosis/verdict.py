@@ -235,7 +235,7 @@ def there(search: Search, c: Candidate, floor: FloatArray | None) -> float:
 # ------------------------------------------------------------ excuses
 
 
-def beside_noise(
+def floor_with_position_noise(
     step: Step, evidence: Evidence, floor: FloatArray, there: bool = False
 ) -> FloatArray:
     """A floor (d,) with what comes of how the positions are measured; an error at most.
@@ -257,7 +257,8 @@ def of_noise(
 ) -> NDArray[np.bool_]:
     """Joints (d,) of which what stands above the floor comes of how the positions are measured."""
     end = step.heldout.rms if there else step.result.rms
-    excess, made = end**2 - floor**2, beside_noise(step, evidence, floor, there) ** 2 - floor**2
+    excess = end**2 - floor**2
+    made = floor_with_position_noise(step, evidence, floor, there) ** 2 - floor**2
     return np.asarray((excess > 0.0) & (made >= WHOLE * excess))
 
 

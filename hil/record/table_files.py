@@ -419,7 +419,9 @@ def _episode(folder: Path, run: str) -> ForeignTable:
             f"LeRobot data set {folder} holds {len(episodes)} episodes ({some}, ...); choose one "
             f"with --run, or make a session of each: hil import {folder} --all-runs -o SESSIONS"
         )
-    name = f"episode_{int(run):06d}" if run.isdecimal() else run or next(iter(episodes))
+    # its number stands for its name
+    called = (n for n, (_, k) in episodes.items() if run.isdecimal() and k == int(run))
+    name = next(called, run) or next(iter(episodes))
     if name not in episodes:
         raise DataError(f"LeRobot data set {folder}: " + unknown("episode", name, episodes))
     file, number = episodes[name]

@@ -487,6 +487,9 @@ def test_a_data_set_without_efforts_says_so(tmp_path):
     parquet.write_table(table, folder / "data" / "chunk-000" / "episode_000000.parquet")
     with pytest.raises(DataError, match="no column 'tau1', 'tau2'"):
         import_table(folder, read_map("lerobot"))
+    for run in ("1", "episode_1"):
+        with pytest.raises(DataError, match=f"unknown episode '{run}'"):
+            import_table(folder, read_map("lerobot"), run=run)
 
 
 def test_sheets_of_a_workbook_are_runs(tmp_path, frame):
