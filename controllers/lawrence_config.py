@@ -92,11 +92,6 @@ def schedule(config: ChannelConfig, period: float, seed: int) -> NDArray[np.int6
     return age
 
 
-def mean_delay(config: ChannelConfig, period: float, seed: int = 0) -> float:
-    """Mean age of what the receiver acts on [s], jitter and losses included."""
-    return float(schedule(config, period, seed).mean() * period)
-
-
 #: How the robots become point masses: not at all, with measured forces, with accelerations.
 SHAPES = ("natural", "force", "acceleration")
 #: Where the law takes its forces from.

@@ -1,7 +1,8 @@
 """Recordings that the tests make: plants whose physics is known, written for the tests alone.
 
-No equation, filter or robot of the library takes part; arms follow Pinocchio or a Lagrangian.  All
-are seeded, so that a test sees the same numbers every time.
+No equation, filter or robot of the library takes part; arms follow Pinocchio or a Lagrangian
+(`premium_terms` alone takes the model apart, to which the loop is compared).  All are seeded, so
+that a test sees the same numbers every time.
 
 The groups, in this order: one axis on a prescribed motion, several of them, axes simulated forward
 under control (with friction that sticks), arms.
@@ -1605,3 +1606,31 @@ def mujoco_arm(robot: str, motion: int, *hidden: dict[str, object]) -> Recording
     t, q, tau = (rows[key][sound] for key in ("t", "q", "tau"))
     names = tuple(str(name) for name in session.robots()[robot]["joints"])
     return Recording("run", "arm", names, t, q, tau, robot=SINGLE)
+
+
+def premium_terms(pi: np.ndarray, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """M (n, 3, 3) and C^T q' - N (n, 3) of a Premium 1.5, for a momentum observer.
+
+    C^T q' = M' q' - C q' (M' = C + C^T), from the regressor of the model.
+    """
+    from hil.models.phantom import Premium
+
+    arm, zero = Premium(()), np.zeros_like(q)
+    rest = arm.regressor(q, zero, zero) @ pi
+    columns = [arm.regressor(q, zero, np.broadcast_to(e, q.shape)) @ pi - rest for e in np.eye(3)]
+    m = np.stack(columns, axis=2)
+    eps = 1e-6
+    ahead, behind = (
+        np.stack(
+            [
+                arm.regressor(q + h * qd, zero, np.broadcast_to(e, q.shape)) @ pi
+                - arm.regressor(q + h * qd, zero, zero) @ pi
+                for e in np.eye(3)
+            ],
+            axis=2,
+        )
+        for h in (eps, -eps)
+    )
+    rate = np.einsum("nij,nj->ni", (ahead - behind) / (2 * eps), qd)
+    coriolis = arm.regressor(q, qd, zero) @ pi - rest
+    return m, rate - coriolis - rest

@@ -168,19 +168,6 @@ def diagnostic(data: bytes) -> int:
     return int.from_bytes(data, "big")
 
 
-def bit_rate_code(bits_per_second: int) -> int:
-    """Divisor code for a bit rate: rate = 2 Mbit/s / (code + 1).
-
-    Raises
-    ------
-    DeviceError
-        If no whole divisor up to 256 gives this rate.
-    """
-    if bits_per_second <= 0 or 2_000_000 % bits_per_second or 2_000_000 // bits_per_second > 256:
-        raise DeviceError(f"{bits_per_second} bit/s is not 2 Mbit/s over a whole number up to 256")
-    return 2_000_000 // bits_per_second - 1
-
-
 def _need(what: str, data: bytes, size: int) -> None:
     if len(data) != size:
         raise DeviceError(f"{what}: {len(data)} bytes ({data.hex() or 'none'}), not {size}")

@@ -32,7 +32,6 @@ MODE, DEBOUNCE_AB, DEBOUNCE_INDEX, BANK = 0x28, 0x2C, 0x2D, 0x2E
 COUNT = (0x30, 0x31, 0x32, 0x33)
 DMA, TRIGGER, MARK = 0x58, 0x59, 0x5D
 
-CHANNELS = 8
 CLOCK_HZ = 48_000_000
 #: Command codes of `ACQUIRE`, in the order in which ULDAQ writes them.
 DISARM = (

@@ -145,13 +145,6 @@ def configure(link: UsbLink, channel: int, config: Quad08Config, asynchronous: b
         link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
 
 
-def read_count(link: UsbLink, channel: int) -> int:
-    """Number of a counter in asynchronous mode, 48 bits; the low word first, which latches it."""
-    link.write(codec.BANK, channel)
-    low, middle, high = (link.read(register) for register in codec.COUNT[:3])
-    return low | middle << 16 | high << 32
-
-
 def arm(link: UsbLink, words: list[int], divisor: int) -> None:
     """Start a scan: scan list (twice over), pacer, endpoint, sequencer, then the pacer runs.
 

@@ -20,8 +20,6 @@ from hil.identify.result import FitResult
 from hil.record.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Smallest |det J| [m^3] that is inverted; below it, damped least squares.
-SINGULAR, _DAMPING = 1e-4, 1e-3
 
 
 def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, FloatArray]:
@@ -60,39 +58,6 @@ def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, Flo
     problem.align_effort(fitted.alignment)
     residual = predict(result, problem)
     return problem.t, np.asarray(-residual.T, np.float64)
-
-
-def tip_force(jacobian: FloatArray, torque: FloatArray) -> FloatArray:
-    """Force ON the tip F = J^-T tau_s, (n, 3) [N]; damped where |det J| is below `SINGULAR`.
-
-    Parameters
-    ----------
-    jacobian : ndarray (n, 3, 3)
-        p' = J q'.
-    torque : ndarray (n, 3)
-        External joint torque [N m].
-
-    Raises
-    ------
-    ConfigError
-        If the arrays do not agree.
-    """
-    if torque.shape[1:] != (3,) or jacobian.shape != (len(torque), 3, 3):
-        raise ConfigError(
-            f"tip force: the Jacobians have the shape {jacobian.shape}, the torques "
-            f"{torque.shape}; expected (n, 3, 3) and (n, 3)"
-        )
-    jt = np.swapaxes(jacobian, 1, 2)
-    weak = np.abs(np.linalg.det(jacobian)) < SINGULAR
-    out = np.empty_like(torque)
-    if (~weak).any():
-        out[~weak] = np.linalg.solve(jt[~weak], torque[~weak, :, None])[..., 0]
-    if weak.any():
-        # F = (J J^T + lambda^2 I)^-1 J tau
-        j, a = jacobian[weak], jt[weak]
-        square = j @ a + _DAMPING**2 * np.eye(3)
-        out[weak] = np.linalg.solve(square, (j @ torque[weak, :, None]))[..., 0]
-    return out
 
 
 @nb.njit(cache=True, nogil=True)
@@ -176,31 +141,3 @@ def _refuse_record(m: FloatArray, qd: FloatArray, push: FloatArray) -> None:
             f"momentum observer: sample {bad[0]} of {len(qd)} holds a value that is not finite; "
             "fill it in, or observe the parts apart"
         )
-
-
-def premium_terms(pi: FloatArray, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """M (n, 3, 3) and C^T q' - N (n, 3) of a Premium 1.5, for `momentum`.
-
-    C^T q' = M' q' - C q' (M' = C + C^T), from the regressor of the model.
-    """
-    from hil.models.phantom import Premium
-
-    arm, zero = Premium(()), np.zeros_like(q)
-    rest = arm.regressor(q, zero, zero) @ pi
-    columns = [arm.regressor(q, zero, np.broadcast_to(e, q.shape)) @ pi - rest for e in np.eye(3)]
-    m = np.stack(columns, axis=2)
-    eps = 1e-6
-    ahead, behind = (
-        np.stack(
-            [
-                arm.regressor(q + h * qd, zero, np.broadcast_to(e, q.shape)) @ pi
-                - arm.regressor(q + h * qd, zero, zero) @ pi
-                for e in np.eye(3)
-            ],
-            axis=2,
-        )
-        for h in (eps, -eps)
-    )
-    rate = np.einsum("nij,nj->ni", (ahead - behind) / (2 * eps), qd)
-    coriolis = arm.regressor(q, qd, zero) @ pi - rest
-    return np.asarray(m, np.float64), np.asarray(rate - coriolis - rest, np.float64)

@@ -63,8 +63,6 @@ HIGHEST_EFFORT, HIGHEST_POSITION = 0.2, 0.35
 CLEAR = 30.0
 #: Noise of the acceleration, in units of itself, from which a joint does not move.
 IDLE = 0.5
-#: Noise of the acceleration, in units of itself, that no moving joint should exceed.
-NOISY = 0.125
 #: Narrowest effort filter that is chosen [Hz].
 NARROWEST = 4.0
 #: Share of the filter's window that may stand before an instant is left out.

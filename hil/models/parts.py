@@ -506,11 +506,6 @@ class ShapeSearch:
     sharpest: bool = False
     at_resolution: bool = False
 
-    @property
-    def seeks_others(self) -> bool:
-        """Whether it has unusual forms of its own, sought about the usual one."""
-        return self.others is not _usual
-
 
 @dataclass(frozen=True)
 class Grid(ShapeSearch):

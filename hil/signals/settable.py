@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from hil.errors import ConfigError, unknown
 
@@ -62,6 +62,7 @@ class SettableRange:
         return f"{many}{self.low:g}..{self.high:g}{self.unit and f' {self.unit}'}"
 
 
+@runtime_checkable
 class Settable(Protocol):
     """A law's parameters of which some may be set."""
 
@@ -72,8 +73,7 @@ class Settable(Protocol):
 
 def ranges(parameters: object) -> Mapping[str, SettableRange]:
     """Ranges that the parameters of a law declare; none where they declare nothing."""
-    declared = getattr(parameters, "settable", None)
-    return declared() if callable(declared) else {}
+    return parameters.settable() if isinstance(parameters, Settable) else {}
 
 
 def told(known: Mapping[str, SettableRange]) -> str:

@@ -165,36 +165,6 @@ def transform(
     )
 
 
-def master_measured(design: Design) -> Design:
-    """Equivalent controller that estimates the slave's force alone; f_m is measured.
-
-    Raises
-    ------
-    ConfigError
-        If c5 = -1: the slave's force does not show in its own motion.
-    """
-    require_finite(design)
-    d = 1 + design.c5
-    if abs(d) < 1.0 / REFUSED:
-        raise ConfigError(
-            f"design {design.name!r}: the slave's force cannot be estimated with c5 = "
-            f"{design.c5:.4g}; |1 + c5| must be at least {1 / REFUSED:.3g}"
-        )
-    slave = design.slave.term + design.c7
-    return replace(
-        design,
-        c1=design.c1 * (1 / d),
-        c3=design.c3 / d,
-        c4=design.c4 + -(slave * (design.c2 / d)),
-        c6=design.c6 - design.c2 * design.c3 / d,
-        c7=(design.c7 + -(design.slave.term * design.c5)) * (1 / d),
-        c8=design.c8 + design.c1 * (design.c2 / d),
-        c2=0.0,
-        c5=0.0,
-        name=f"{design.name}-slave-fsf",
-    )
-
-
 def estimate(q: FloatArray, r: FloatArray) -> FloatArray:
     """Class II estimate f_hat = -Q^-1 R(v) of (f_m, f_s) [N], shape (..., 2).
 

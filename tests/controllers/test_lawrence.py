@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import plants
 import pytest
 
 from hil.bench import teleop
@@ -14,7 +15,6 @@ from hil.controllers import dynamics, lawrence, lawrence_config
 from hil.controllers.lawrence import Lawrence, LawrenceConfig
 from hil.controllers.lawrence_config import ChannelConfig
 from hil.errors import ConfigError, DeviceError
-from hil.estimate import external_torque
 from hil.models.phantom import Premium
 from hil.record.container import read
 from hil.record.mcap_read import load
@@ -136,7 +136,6 @@ def test_a_delayed_channel_delivers_late_and_a_lossy_one_holds():
     assert (lawrence_config.schedule(ChannelConfig(0.005), T, 0) == 5).all()
     none = lawrence_config.schedule(ChannelConfig(loss=0.3), T, 1)
     assert np.mean(none > 0) == pytest.approx(0.3, abs=0.02)
-    assert lawrence_config.mean_delay(ChannelConfig(0.005), T) == pytest.approx(0.005)
     with pytest.raises(ConfigError, match="loss"):
         ChannelConfig(loss=1.0)
 
@@ -452,11 +451,11 @@ def test_the_observer_in_the_loop_sees_the_force_that_the_sensor_sees(tmp_path):
     assert np.sqrt(np.mean((seen - sensor)[late] ** 2)) < 0.15
 
 
-def test_momentum_terms_of_the_loop_are_those_of_the_library():
+def test_momentum_terms_of_the_loop_are_those_of_the_model():
     rng, pi = np.random.default_rng(6), np.array(lawrence_config.PREMIUM)
     p, flow, room = np.zeros(3), np.zeros(3), np.zeros((6, 3))
     q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
-    m, rest = external_torque.premium_terms(pi, q, v)
+    m, rest = plants.premium_terms(pi, q, v)
     for k in range(50):
         dynamics.momentum(q[k], v[k], pi, room[:2], p)
         dynamics.push(q[k], v[k], pi, room, flow)

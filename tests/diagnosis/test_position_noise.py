@@ -67,7 +67,7 @@ def test_the_band_is_narrower_behind_much_noise():
         bands.choose([plants.rough_encoder_axis(x)], Band(), True).effort for x in (1e-6, 3e-4)
     )
     assert bands.NARROWEST <= coarse < 10.0 < fine
-    assert bands.shaken(plants.rough_encoder_axis(3e-4), coarse) < bands.NOISY
+    assert bands.shaken(plants.rough_encoder_axis(3e-4), coarse) < 0.125
 
 
 @pytest.mark.parametrize(("noise", "size"), [(3e-5, 0.3), (1e-4, 1.0)])

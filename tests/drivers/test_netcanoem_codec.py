@@ -195,8 +195,6 @@ def test_the_driver_reads_by_the_document():
     assert codec.counts_per_unit(data["counts"][0]) == (1_000_000, 100_000)
     assert codec.unit_codes(data["units"][0]) == (2, 4)
     assert codec.firmware(data["firmware"][0]) == (3, 8, 41)
-    assert codec.bit_rate_code(1_000_000) == 1
-    assert [codec.bit_rate_code(k * 1000) for k in (2000, 500, 250, 125)] == [0, 3, 7, 15]
 
 
 def test_the_driver_asks_by_the_document():

@@ -1,6 +1,7 @@
 """Force estimators: the observer is a low-pass of the true torque; inverse dynamics exact."""
 
 import numpy as np
+import plants
 import pytest
 
 from hil.errors import ConfigError
@@ -39,7 +40,7 @@ def run():
 
 def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
     q, v, _, tau, ext = run
-    m, rest = external_torque.premium_terms(PI, q, v)
+    m, rest = plants.premium_terms(PI, q, v)
     found = external_torque.momentum(m, v, tau + rest, K, T)
     wanted, r = np.zeros_like(ext), np.zeros(3)
     for k in range(len(ext)):
@@ -54,18 +55,6 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
     q, v, a, tau, ext = run
     tau_hat = Premium(()).regressor(q, v, a) @ PI - tau
     np.testing.assert_allclose(tau_hat, ext, atol=1e-12)
-    jac = Premium(()).jacobian(q)
-    f = external_torque.tip_force(jac, tau_hat)
-    well = np.abs(np.linalg.det(jac)) > external_torque.SINGULAR
-    assert well.mean() > 0.9
-    back = np.einsum("nkd,nk->nd", jac, f)
-    np.testing.assert_allclose(back[well], ext[well], atol=1e-12)
-
-
-def test_near_a_singular_pose_forces_stay_bounded():
-    q = np.array([[0.0, np.pi / 2 + 1e-7, 0.0]])
-    f = external_torque.tip_force(Premium(()).jacobian(q), np.full((1, 3), 0.05))
-    assert np.isfinite(f).all() and np.abs(f).max() < 1e3
 
 
 def test_a_bad_gain_is_refused():
@@ -88,8 +77,6 @@ def test_arrays_that_do_not_agree_or_hold_no_number_are_refused():
     bad[2, 1] = np.nan
     with pytest.raises(ConfigError, match="sample 2 of 5"):
         external_torque.momentum(m, v, bad, K, T)
-    with pytest.raises(ConfigError, match="tip force"):
-        external_torque.tip_force(m, v[:3])
 
 
 def test_the_model_finds_the_force_of_a_fitted_run():

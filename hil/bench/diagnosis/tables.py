@@ -41,7 +41,6 @@ _ACCEPTED = {
     # by the angle that the cable is never without
     "capstan-friction": {"capstan-friction", "load-friction"},
 }
-OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "missed")
 
 
 @dataclass(frozen=True)
