@@ -203,7 +203,7 @@ def turn_by(axis: Any, angle: float, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def quaternion(r: Any, out: Any) -> None:
+def _quaternion(r: Any, out: Any) -> None:
     """Unit quaternion [w, x, y, z], w >= 0, of a rotation; from its largest entry on (Shepperd)."""
     best, top = 0, r[0, 0] + r[1, 1] + r[2, 2]
     for i in range(3):
@@ -228,7 +228,7 @@ def quaternion(r: Any, out: Any) -> None:
 @nb.njit(cache=True, nogil=True)
 def rotation_vector(r: Any, four: Any, out: Any) -> None:
     """Rotation vector [rad] of a rotation into `out` (3,); `four` (4,) is scratch."""
-    quaternion(r, four)
+    _quaternion(r, four)
     size = sqrt(four[1] ** 2 + four[2] ** 2 + four[3] ** 2)
     factor = 2.0 if size < 1e-9 else 2.0 * atan2(size, four[0]) / size
     for i in range(3):
@@ -303,7 +303,7 @@ def factor(m: Any, out: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def solved(low: Any, v: Any) -> None:
+def _solved(low: Any, v: Any) -> None:
     """Solve L L^T x = v in place, v (n,)."""
     n = v.size
     for i in range(n):
@@ -361,7 +361,7 @@ def through(p: Any, start: Any, place: Any, turn: Any, w: Any, m: Any) -> float:
         axis[i] /= max(across, 1e-12)
     turn_by(axis, min(atan2(across, along), p.most_tilt), m[0])
     # of the handle's turning, what is about its own axis
-    quaternion(turn, four)
+    _quaternion(turn, four)
     turn_by(a0, 2.0 * atan2(dot(four[1:4], a0), four[0]), m[1])
     times(m[0], m[1], turn)
     for i in range(3):
@@ -411,7 +411,7 @@ def guard(
                 lever = jac[3 + i1, k] * axes[i2, 2] - jac[3 + i2, k] * axes[i1, 2]
                 rows[j, k] += axes[i, j] * (jac[i, k] + at * lever)
             back[j, k] = rows[j, k]
-        solved(low, back[j])
+        _solved(low, back[j])
     # Jc M^-1 Jc^T + l^2, Jc M^-1 tau, place and speed across
     xx, xy, yy, tx, ty, ex, ey, vx, vy = _LAMBDA2, 0.0, _LAMBDA2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(d):

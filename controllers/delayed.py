@@ -44,27 +44,27 @@ from hil.teleop.sampled_loop import Cable, compliance
 #: stiffness and force at the start of the environment, the three numbers of their covariance, the
 #: direction of the contact; place at the last tick; the other side's force behind the low-pass, and
 #: the share of the force that is let out.
-ORIGIN, GOAL, INTO, OUT, SENT, SENT_POWER, USED, USED_POWER = 0, 1, 2, 3, 4, 5, 6, 7
-TANK, FORCE, STIFFNESS, PUSH, P11, P12, P22, TOUCH, LAST = 8, 9, 10, 11, 12, 13, 14, 15, 16
+ORIGIN, _GOAL, INTO, OUT, SENT, SENT_POWER, USED, USED_POWER = 0, 1, 2, 3, 4, 5, 6, 7
+TANK, FORCE, STIFFNESS, PUSH, _P11, _P12, _P22, TOUCH, LAST = 8, 9, 10, 11, 12, 13, 14, 15, 16
 FELT, LET = 17, 18
 FIELDS = 19
 #: Variance of a force sensor's noise [N^2], and speed from which the tip moves [m/s].
-NOISE, MOVES = 2.5e-3, 2e-3
+_NOISE, _MOVES = 2.5e-3, 2e-3
 #: Corner of the low-pass of the force that the leader feels [Hz], time in which a force that was
 #: withheld comes back [s], and how much faster than the leader the goal makes up its drift [m/s].
 #: Half: what is felt lags more, a fading force is a spring twice as stiff, and drift lasts longer;
 #: double: the loop at the cables' resonance has twice the gain, a force that was withheld is missed
 #: for longer, and the follower jolts where its goal was held back.
-FELT_HZ, RISE, CATCH = 60.0, 0.05, 0.2
+_FELT_HZ, _RISE, _CATCH = 60.0, 0.05, 0.2
 #: Stiffness in units of the expected one below which there is no wall, and how a packet says so.
 SOFTEST, NO_WALL = 0.3, 2.0
 #: The state before the axes: started, tick of the start.
 HEAD = 2
 #: Of a packet, per axis: position, speed, force, sum sent, sum of its square, energy put into the
 #: channel, stiffness, force at the start, direction of the contact.
-X, V, F, SUM, POWER, ENERGY, K, C, SIDE = 0, 1, 2, 3, 4, 5, 6, 7, 8
-PACKET = 9
-PASSIVITY, WAVES, TANKS, MODEL = 0, 1, 2, 3
+_X, _V, F, _SUM, _POWER, _ENERGY, _K, _C, _SIDE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+_PACKET = 9
+_PASSIVITY, _WAVES, _TANKS, _MODEL = 0, 1, 2, 3
 
 
 @nb.njit(cache=True, nogil=True)
@@ -84,7 +84,7 @@ def allowed(room: float, reserve: float) -> float:
 
 @nb.njit(cache=True, nogil=True)
 def let(room: float, reserve: float, s: Any, n: Any, p: Any) -> float:
-    """Share of a force that is let out: it fades at once, and comes back within `RISE`.
+    """Share of a force that is let out: it fades at once, and comes back within `_RISE`.
 
     A force F that fades over an energy E acts as a spring of F^2 / E, which at 8 N and 2 mJ is
     stiffer than any period of a millisecond bears.  One that comes back slowly does not.
@@ -110,24 +110,24 @@ def observed(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> floa
 
     Leader    E_out(k) = sum max(f(k-1) (x(k) - x(k-1)), 0) <= E_in,follower(k - delay) + reserve
     Follower  the same for the steps of its goal.  The goal follows the leader's place, not its
-              speed, so that what is withheld is made up for as energy arrives, at most `CATCH`
+              speed, so that what is withheld is made up for as energy arrives, at most `_CATCH`
               faster than the leader moves.
     """
     if a == 0:
         work = s[FORCE] * (x - s[LAST])
         n[OUT], n[INTO] = s[OUT] + max(work, 0.0), s[INTO] + max(-work, 0.0)
-        return felt(h[F], s, n, p) * let(h[ENERGY] + p.reserve - n[OUT], p.reserve, s, n, p)
-    step, rate = h[X] - s[GOAL], h[V]
-    most = (abs(rate) + CATCH) * p.period
+        return felt(h[F], s, n, p) * let(h[_ENERGY] + p.reserve - n[OUT], p.reserve, s, n, p)
+    step, rate = h[_X] - s[_GOAL], h[_V]
+    most = (abs(rate) + _CATCH) * p.period
     step = min(max(step, -most), most)
-    f = drive(s[GOAL], rate, x, v, p)
+    f = drive(s[_GOAL], rate, x, v, p)
     if f * step > 0.0:
-        part = allowed(h[ENERGY] + p.reserve - s[OUT], p.reserve)
+        part = allowed(h[_ENERGY] + p.reserve - s[OUT], p.reserve)
         step, rate = part * step, part * rate
-        f = drive(s[GOAL] + step, rate, x, v, p)
+        f = drive(s[_GOAL] + step, rate, x, v, p)
     work = f * step
     n[OUT], n[INTO] = s[OUT] + max(work, 0.0), s[INTO] + max(-work, 0.0)
-    n[GOAL] = s[GOAL] + step
+    n[_GOAL] = s[_GOAL] + step
     return f
 
 
@@ -138,8 +138,8 @@ def arrived(h: Any, s: Any, n: Any, p: Any) -> float:
     u = (sum sent - sum used) / smooth,  T sum u^2 <= what was sent, for any jitter and loss: what
     arrives at once after a gap is given out within `smooth` seconds.
     """
-    wave = (h[SUM] - s[USED]) / max(p.smooth, p.period)
-    room = max((h[POWER] - s[USED_POWER]) / p.period, 0.0)
+    wave = (h[_SUM] - s[USED]) / max(p.smooth, p.period)
+    room = max((h[_POWER] - s[USED_POWER]) / p.period, 0.0)
     if wave * wave > room:
         wave = sqrt(room) if wave > 0.0 else -sqrt(room)
     n[USED] = s[USED] + wave * p.period
@@ -159,9 +159,9 @@ def waved(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> float:
     if a == 0:
         f, back = root * wave - b * v, root * v - wave
     else:
-        rate = (root * wave - p.stiffness * (s[GOAL] - x) + p.damping * v) / (b + p.damping)
-        f = drive(s[GOAL], rate, x, v, p)
-        n[GOAL] = s[GOAL] + rate * p.period
+        rate = (root * wave - p.stiffness * (s[_GOAL] - x) + p.damping * v) / (b + p.damping)
+        f = drive(s[_GOAL], rate, x, v, p)
+        n[_GOAL] = s[_GOAL] + rate * p.period
         back = wave - sqrt(2.0 / b) * f
     n[SENT] = s[SENT] + back * p.period
     n[SENT_POWER] = s[SENT_POWER] + back * back * p.period
@@ -175,9 +175,9 @@ def tanked(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> float:
     Each side hands a share of its tank to the other; the leader brakes a little while its tank is
     below the level that is wanted.
     """
-    tank = s[TANK] + h[SUM] - s[USED] - s[FORCE] * (x - s[LAST])
-    n[USED] = h[SUM]
-    f = felt(h[F], s, n, p) if a == 0 else drive(h[X], h[V], x, v, p)
+    tank = s[TANK] + h[_SUM] - s[USED] - s[FORCE] * (x - s[LAST])
+    n[USED] = h[_SUM]
+    f = felt(h[F], s, n, p) if a == 0 else drive(h[_X], h[_V], x, v, p)
     f *= let(tank, 0.5 * p.level, s, n, p)
     if a == 0 and tank < p.level:
         f -= p.fill * (p.level - max(tank, 0.0)) * v
@@ -201,22 +201,22 @@ def learn(x: float, v: float, force: float, s: Any, n: Any, p: Any) -> None:
     if s[TOUCH] == 0.0:
         n[STIFFNESS], n[PUSH] = p.expected, force + p.expected * x
         # of a prior as wide as the stiffness, over the sensor's noise
-        n[P11], n[P12], n[P22] = p.expected**2 / NOISE, 0.0, 0.1 / NOISE
+        n[_P11], n[_P12], n[_P22] = p.expected**2 / _NOISE, 0.0, 0.1 / _NOISE
     n[TOUCH] = 1.0 if force > 0.0 else -1.0
-    if abs(v) < MOVES:
+    if abs(v) < _MOVES:
         return
     # r = (-x, 1):  g = P r / (lambda + r' P r),  theta += g (f - r' theta),  P = (P - g r' P) / l
-    a, b, c = n[P11], n[P12], n[P22]
+    a, b, c = n[_P11], n[_P12], n[_P22]
     r1, r2 = -x * a + b, -x * b + c
     scale = p.forget + (-x * r1 + r2)
     miss = force - (n[PUSH] - n[STIFFNESS] * x)
     n[STIFFNESS] += r1 / scale * miss
     n[PUSH] += r2 / scale * miss
     # without forgetting where that would let the covariance grow beyond the prior's
-    keep = p.forget if a < p.expected**2 / NOISE and c < 0.1 / NOISE else 1.0
-    n[P11] = (a - r1 * r1 / scale) / keep
-    n[P12] = (b - r1 * r2 / scale) / keep
-    n[P22] = (c - r2 * r2 / scale) / keep
+    keep = p.forget if a < p.expected**2 / _NOISE and c < 0.1 / _NOISE else 1.0
+    n[_P11] = (a - r1 * r1 / scale) / keep
+    n[_P12] = (b - r1 * r2 / scale) / keep
+    n[_P22] = (c - r2 * r2 / scale) / keep
 
 
 @nb.njit(cache=True, nogil=True)
@@ -227,15 +227,15 @@ def modelled(a: int, x: float, v: float, force: float, h: Any, s: Any, n: Any, p
     """
     if a == 1:
         learn(x, v, force, s, n, p)
-        return drive(h[X], h[V], x, v, p)
-    if h[SIDE] == NO_WALL:
+        return drive(h[_X], h[_V], x, v, p)
+    if h[_SIDE] == NO_WALL:
         n[STIFFNESS] = s[STIFFNESS] * (1.0 - p.period / p.blend)
-    elif h[SIDE] != 0.0:
-        known, stiffness, surface = n[TOUCH] != 0.0, min(h[K], p.stiffest), h[C] / h[K]
+    elif h[_SIDE] != 0.0:
+        known, stiffness, surface = n[TOUCH] != 0.0, min(h[_K], p.stiffest), h[_C] / h[_K]
         part = p.period / p.blend if known else 1.0
         n[STIFFNESS] = s[STIFFNESS] + part * (stiffness - s[STIFFNESS])
         n[PUSH] = s[PUSH] + part * (surface - s[PUSH])
-        n[TOUCH] = h[SIDE]
+        n[TOUCH] = h[_SIDE]
     f = n[STIFFNESS] * (n[PUSH] - x)
     if f * n[TOUCH] <= 0.0:
         return 0.0
@@ -247,11 +247,11 @@ def modelled(a: int, x: float, v: float, force: float, h: Any, s: Any, n: Any, p
 def side(a: int, i: int, u: Any, heard: Any, s: Any, n: Any, p: Any, w: Any) -> float:
     """Force that arm `a` gets along axis `i`."""
     x, v, h = w.place[a, i], w.speed[a, i], heard[i]
-    if p.scheme == PASSIVITY:
+    if p.scheme == _PASSIVITY:
         return observed(a, x, v, h, s, n, p)
-    if p.scheme == WAVES:
+    if p.scheme == _WAVES:
         return waved(a, x, v, h, s, n, p)
-    if p.scheme == TANKS:
+    if p.scheme == _TANKS:
         return tanked(a, x, v, h, s, n, p)
     return modelled(a, x, v, u[a, 6 + i], h, s, n, p)
 
@@ -320,12 +320,12 @@ def law(
         for i in range(3):
             at = HEAD + FIELDS * (3 * a + i)
             n, out = x_next[at : at + FIELDS], line[a, tick % line.shape[1], i]
-            out[X], out[V], out[F] = w.place[a, i], w.speed[a, i], n[FORCE]
-            out[SUM], out[POWER], out[ENERGY] = n[SENT], n[SENT_POWER], n[INTO]
-            out[K], out[C], out[SIDE] = n[STIFFNESS], n[PUSH], n[TOUCH]
+            out[_X], out[_V], out[F] = w.place[a, i], w.speed[a, i], n[FORCE]
+            out[_SUM], out[_POWER], out[_ENERGY] = n[SENT], n[SENT_POWER], n[INTO]
+            out[_K], out[_C], out[_SIDE] = n[STIFFNESS], n[PUSH], n[TOUCH]
             # what hardly grows with the depth is friction along a wall, and has no surface
             if n[TOUCH] != 0.0 and n[STIFFNESS] < SOFTEST * p.expected:
-                out[SIDE] = NO_WALL
+                out[_SIDE] = NO_WALL
     fixtures.push(walls, w.place[0], w.speed[0], w.out, w.force[0])
     for a in range(2):
         for j in range(3):
@@ -475,7 +475,7 @@ def _need(name: str, value: float, fine: bool, wanted: str) -> None:
 
 def lowpass(period: float) -> float:
     """Share of a new value in the low-pass of the force that the leader feels."""
-    return 1.0 - math.exp(-2.0 * math.pi * FELT_HZ * period)
+    return 1.0 - math.exp(-2.0 * math.pi * _FELT_HZ * period)
 
 
 def constants(config: DelayedConfig, period: float) -> Any:
@@ -503,12 +503,12 @@ def constants(config: DelayedConfig, period: float) -> Any:
         c["smooth"] = max(way.jitter for way in ways) + GATHERED
     c["scheme"], c["scale"] = SCHEMES.index(config.scheme), config.force_scale
     c["period"], c["lengths"] = period, config.lengths
-    c["rise"], c["felt"] = period / RISE, lowpass(period)
+    c["rise"], c["felt"] = period / _RISE, lowpass(period)
     return c
 
 
 #: Scratch of one tick.
-WORK = np.dtype(
+_WORK = np.dtype(
     [
         ("place", _F, (2, 3)),
         ("speed", _F, (2, 3)),
@@ -516,7 +516,7 @@ WORK = np.dtype(
         ("force", _F, (2, 3)),
         ("gravity", _F, (2, 3)),
         ("out", _F, (3,)),
-        ("heard", _F, (3, PACKET)),
+        ("heard", _F, (3, _PACKET)),
         ("past", _F, (FIELDS,)),
     ]
 )
@@ -556,7 +556,7 @@ def asked(config: DelayedConfig, period: float) -> dict[str, float]:
 #: Both arms of a loop through the channel: a cable between rotor and tip as seen there, tip masses
 #: from a bare follower to a leader with its sensor [kg], and what friction damps for certain
 #: [N s/m].
-CABLE, TIPS, RUB = Cable(3500.0, 0.5, ROTOR), (0.035, 0.13), 0.2
+_CABLE, _TIPS, _RUB = Cable(3500.0, 0.5, ROTOR), (0.035, 0.13), 0.2
 #: What a hand does not do [Hz].
 FAST_HZ = 40.0
 
@@ -575,7 +575,7 @@ def ringing(config: DelayedConfig, period: float) -> float:
     drive = config.stiffness + config.damping * (1.0 - back) / period
     share = lowpass(period)
     ahead = config.force_scale * np.abs(share / (1.0 - (1.0 - share) * back) * drive)
-    arms = [compliance(m, RUB, CABLE, hz, period) for m in TIPS]
+    arms = [compliance(m, _RUB, _CABLE, hz, period) for m in _TIPS]
     return float(max(np.max(ahead * np.abs(p / (1.0 + drive * q))) for p in arms for q in arms))
 
 
@@ -654,9 +654,9 @@ class Delayed:
         # what is sent at the end of a tick is heard at the next one, at the earliest
         sent = [schedule(way, period, config.seed + k) for k, way in ways]
         self._ages = np.maximum(np.stack(sent), 1)
-        self._line = np.zeros((2, int(self._ages.max()) + 2, 3, PACKET))
+        self._line = np.zeros((2, int(self._ages.max()) + 2, 3, _PACKET))
         self._c = constants(config, period)
-        self._w = np.zeros(1, WORK)[0]
+        self._w = np.zeros(1, _WORK)[0]
         wall = (config.wall.fixture(),) if config.wall.stiffness else ()
         self._walls = fixtures.table((*wall, *config.fixtures))
         self._gravity = np.array([config.leader_gravity, config.follower_gravity])

@@ -28,9 +28,9 @@ import numpy as np
 from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 
-KINDS = ("wall", "ball", "line", "plane")
+_KINDS = ("wall", "ball", "line", "plane")
 #: Of a fixture as numbers: kind, p (3,), direction (3,), R, K, B.
-SIZE = 10
+_SIZE = 10
 #: Distance from a middle or a line below which there is no direction [m].
 _NOWHERE = 1e-6
 
@@ -61,8 +61,8 @@ class FixtureConfig:
     damping: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ConfigError(unknown("fixture", self.kind, KINDS))
+        if self.kind not in _KINDS:
+            raise ConfigError(unknown("fixture", self.kind, _KINDS))
         numbers = (*self.place, *self.direction, self.radius, self.stiffness, self.damping)
         if not all(map(math.isfinite, numbers)):
             raise ConfigError(f"fixture {self.kind}: every number must be finite.")
@@ -78,12 +78,12 @@ class FixtureConfig:
         """The fixture for the kernel, (SIZE,)."""
         direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
         size = (self.radius, self.stiffness, self.damping)
-        return np.array([KINDS.index(self.kind), *self.place, *direction, *size])
+        return np.array([_KINDS.index(self.kind), *self.place, *direction, *size])
 
 
 def table(fixtures: Sequence[FixtureConfig]) -> FloatArray:
     """All of them for the kernel, (n, SIZE)."""
-    return np.array([f.numbers() for f in fixtures]).reshape(-1, SIZE)
+    return np.array([f.numbers() for f in fixtures]).reshape(-1, _SIZE)
 
 
 @nb.njit(cache=True, nogil=True)

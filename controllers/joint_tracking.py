@@ -19,7 +19,7 @@ from hil.excite.trajectory import grid, sample
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
 
-HARMONICS = 26
+_HARMONICS = 26
 
 
 def coefficients(
@@ -48,16 +48,16 @@ def coefficients(
         Factors of sin(k w t) and cos(k w t), k = 1..HARMONICS.
     """
     t = np.arange(4096) / 4096.0
-    k = np.arange(1, HARMONICS)
-    out = np.zeros((amplitude.size, HARMONICS, 2))
+    k = np.arange(1, _HARMONICS)
+    out = np.zeros((amplitude.size, _HARMONICS, 2))
     for joint in range(amplitude.size):
-        phase = rng.uniform(0.0, 2 * np.pi, HARMONICS)
+        phase = rng.uniform(0.0, 2 * np.pi, _HARMONICS)
         waves = np.sin(2 * np.pi * k[:, None] * t + phase[1:, None]) / k[:, None]
         envelope = (1.0 - np.cos(2 * np.pi * t + phase[0])) / 2
         s = waves[:3].sum(0) + 1.6 * envelope * waves[3:].sum(0)
         s -= s.mean()
         s *= amplitude[joint] / np.abs(s).max()
-        spectrum = np.fft.rfft(s)[1 : HARMONICS + 1] / (t.size / 2)
+        spectrum = np.fft.rfft(s)[1 : _HARMONICS + 1] / (t.size / 2)
         rate = np.abs(np.gradient(s, t * period)).max()
         scale = min(1.0, speed[joint] / rate) if rate > 0 else 1.0
         out[joint] = scale * np.stack([-spectrum.imag, spectrum.real], -1)

@@ -40,7 +40,7 @@ _OBSERVER = 12
 
 
 @nb.njit(cache=True, nogil=True)
-def measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
+def _measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Tip of arm `a` into w.jacobian, w.tip, and its filtered signals into w.signals (3, 4)."""
     dynamics.forward(q, c.lengths, w.tip[a])
     dynamics.jacobian(q, c.lengths, w.jacobian[a])
@@ -127,7 +127,7 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def believe(u: Any, c: Any, w: Any) -> None:
+def _believe(u: Any, c: Any, w: Any) -> None:
     """Forces of both arms in w.signals replaced by those that their motion betrays (class II).
 
     p = J^-T M(q) J^-1 (p'' - J' q') of the natural arm, in its pose and with all its axes; of the
@@ -251,9 +251,9 @@ def law(
     """
     x_next[0] = 1.0
     for a in range(2):
-        measure(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, x_next)
+        _measure(a, u[a, :3], u[a, 3:6], u[a, 6:9], x, c, w, x_next)
     if c.estimated:
-        believe(u, c, w)
+        _believe(u, c, w)
     for a in range(2):
         line[a, tick % line.shape[1]] = w.signals[a]
     for a in range(2):

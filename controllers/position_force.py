@@ -18,7 +18,7 @@ from hil.errors import ConfigError, unknown
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
 
-SPACES = ("joint", "workspace")
+_SPACES = ("joint", "workspace")
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class PositionForceConfig:
     follower_gravity: tuple[float, ...] = (0.0, -0.06)
 
     def __post_init__(self) -> None:
-        if self.space not in SPACES:
-            raise ConfigError(unknown("space", self.space, SPACES))
+        if self.space not in _SPACES:
+            raise ConfigError(unknown("space", self.space, _SPACES))
 
     def settable(self) -> dict[str, SettableRange]:
         """What an operator may set; at the bounds the simulated arms still move calmly."""

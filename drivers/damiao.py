@@ -25,7 +25,7 @@ from hil.signals.velocity import estimator
 #: Value of `velocity`: the speed that the drives themselves measure.
 DRIVE = "drive"
 #: Largest word of an effort, in half steps.
-TOP = 4095
+_TOP = 4095
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,11 @@ def codes(effort: Any, scale: Any, out: Any, sent: Any) -> int:
             status = 3
     for i in range(effort.size):
         value = effort[i] / scale[i] if status != 3 else 0.0
-        if fabs(value) > TOP:
-            value = float(TOP) if value > 0.0 else -float(TOP)
+        if fabs(value) > _TOP:
+            value = float(_TOP) if value > 0.0 else -float(_TOP)
             status = 1
         half = 2 * floor(value / 2.0) + 1
-        out[i] = min(max(half, -TOP), TOP)
+        out[i] = min(max(half, -_TOP), _TOP)
         sent[i] = scale[i] * out[i]
     return status
 
@@ -156,7 +156,7 @@ class DamiaoArm:
     @property
     def effort_limit(self) -> FloatArray:
         """Largest effort that the drives take [N m] (d,)."""
-        return self._effort * TOP
+        return self._effort * _TOP
 
     def measured_js(self, t_ns: int, position: FloatArray, velocity: FloatArray) -> Status:
         """Write position [rad] and velocity [rad/s] (d,) at `t_ns`.

@@ -26,7 +26,7 @@ from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
 
 #: Largest words: 16 bits of position, 12 of speed, gains and effort.
-TOP_POSITION, TOP = 0xFFFF, 0xFFF
+_TOP_POSITION, _TOP = 0xFFFF, 0xFFF
 #: Last byte of eight, after seven times 0xff.
 ENABLE, DISABLE, ZERO, CLEAR = 0xFC, 0xFD, 0xFE, 0xFB
 #: Identifier of everything about registers; the drive is named in the data.
@@ -37,8 +37,8 @@ TIMEOUT, MODE, PMAX, VMAX, TMAX = 9, 10, 21, 22, 23
 TIMEOUT_UNIT = 50e-6
 MIT_MODE = 1
 #: What the upper half of the first byte of an answer says.
-OFF, ON = 0, 1
-FAULTS = {
+_OFF, _ON = 0, 1
+_FAULTS = {
     0x8: "over-voltage",
     0x9: "under-voltage",
     0xA: "over-current",
@@ -86,7 +86,7 @@ def unsigned(centred: int, top: int) -> int:
 
 def effort_command(effort: int) -> bytes:
     """Effort in half steps; both gains are zero, so position and speed asked for mean nothing."""
-    w = unsigned(effort, TOP)
+    w = unsigned(effort, _TOP)
     # p 16, v 12, kp 12, kd 12, t 12 bits, each from the top; p and v stand at their middle
     return bytes((0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, w >> 8, w & 0xFF))
 
@@ -119,9 +119,9 @@ def feedback(data: bytes) -> Feedback | None:
     return Feedback(
         first & 0xF,
         first >> 4,
-        2 * (p1 << 8 | p0) - TOP_POSITION,
-        2 * (v << 4 | vt >> 4) - TOP,
-        2 * ((vt & 0xF) << 8 | t) - TOP,
+        2 * (p1 << 8 | p0) - _TOP_POSITION,
+        2 * (v << 4 | vt >> 4) - _TOP,
+        2 * ((vt & 0xF) << 8 | t) - _TOP,
         stage,
         winding,
     )
@@ -273,7 +273,7 @@ class DamiaoBus:
                     f"box {self.name!r}: drive {drive} says that its ranges are {ranges}; set "
                     "PMAX, VMAX and TMAX with the vendor's tool"
                 )
-            self.scales[k] = np.array(ranges) / (TOP_POSITION, TOP, TOP)
+            self.scales[k] = np.array(ranges) / (_TOP_POSITION, _TOP, _TOP)
             mode = self._read(drive, MODE).integer
             if mode != MIT_MODE:
                 raise DeviceError(
@@ -334,8 +334,8 @@ class DamiaoBus:
             if self._fresh[k]:
                 self._heard_ns[k] = t_ns
                 said = self.status.item(k)
-                if self._on and said != ON:
-                    why = FAULTS.get(said, f"it says status {said}, and was switched on")
+                if self._on and said != _ON:
+                    why = _FAULTS.get(said, f"it says status {said}, and was switched on")
                     self.trouble = f"{self.name}: drive {drive} stopped: {why}."
             elif self._asked:
                 status = _STALE
@@ -350,12 +350,12 @@ class DamiaoBus:
         for k in range(len(self.channels)):
             if self._on:
                 message = self._command[k]
-                word = unsigned(codes.item(k), TOP)
+                word = unsigned(codes.item(k), _TOP)
                 message.data[6], message.data[7] = word >> 8, word & 0xFF
                 self._link.post(message)
             else:
                 # a full queue may have refused what switches it off: again until it says so
-                off = self.status.item(k) == OFF
+                off = self.status.item(k) == _OFF
                 self._link.post(self._refresh[k] if off else self._off[k])
 
     def rest(self) -> None:
@@ -378,9 +378,9 @@ class DamiaoBus:
             if on:
                 self._link.send(drive, special(CLEAR))
             self._link.send(drive, special(ENABLE if on else DISABLE))
-            wanted = ON if on else OFF
+            wanted = _ON if on else _OFF
             if not self._reports(k, wanted) and on:
-                why = FAULTS.get(self.status.item(k), "")
+                why = _FAULTS.get(self.status.item(k), "")
                 self.trouble = f"{self.name}: drive {drive} does not switch on{why and f': {why}'}."
                 return
         self._on = on
@@ -392,7 +392,7 @@ class DamiaoBus:
     def describe(self) -> str:
         """What the box is, for `hil devices`."""
         ranges = "; ".join(
-            f"{drive}: {e * TOP:.3g} N m, {v * TOP:.3g} rad/s"
+            f"{drive}: {e * _TOP:.3g} N m, {v * _TOP:.3g} rad/s"
             for drive, (_, v, e) in zip(self.channels, self.scales.tolist(), strict=True)
         )
         return f"Damiao drives on {self._link.bus.channel_info} ({ranges})"

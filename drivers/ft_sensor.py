@@ -53,7 +53,7 @@ MODELS: dict[str, Transducer] = {
 
 
 #: Units of the configuration page of a Net F/T box, in N and N m.
-FORCE = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
+_FORCE = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
 TORQUE = {
     "N-m": 1.0,
     "N-mm": 1e-3,
@@ -81,8 +81,8 @@ class CountScale:
     torque_unit: str = "N-m"
 
     def __post_init__(self) -> None:
-        if self.force_unit not in FORCE:
-            raise ConfigError(unknown("force_unit", self.force_unit, FORCE))
+        if self.force_unit not in _FORCE:
+            raise ConfigError(unknown("force_unit", self.force_unit, _FORCE))
         if self.torque_unit not in TORQUE:
             raise ConfigError(unknown("torque_unit", self.torque_unit, TORQUE))
         if self.counts_per_force < 1 or self.counts_per_torque < 1:
@@ -90,7 +90,7 @@ class CountScale:
 
     def calibration(self, factors: tuple[float, ...] = (1.0,) * 6) -> FloatArray:
         """Matrix (6, 6): wrench per word [N, N m]; `factors` are counts per word of each axis."""
-        force = FORCE[self.force_unit] / self.counts_per_force
+        force = _FORCE[self.force_unit] / self.counts_per_force
         torque = TORQUE[self.torque_unit] / self.counts_per_torque
         return np.diag(np.array([force] * 3 + [torque] * 3) * np.array(factors))
 

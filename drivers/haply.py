@@ -65,13 +65,13 @@ SPACES = {
     ),
 }
 #: Format -> key of the three numbers in `set_cursor_force`.
-FORMATS = {"3.5": "vector", "3.1": "values"}
+_FORMATS = {"3.5": "vector", "3.1": "values"}
 
 
 def command(device: str, space: str, version: str) -> bytes:
     """Message with efforts of one device, three places left for the numbers."""
     body = (
-        f'"set_cursor_force":{{"{FORMATS[version]}":{{"x":%.4f,"y":%.4f,"z":%.4f}}}}'
+        f'"set_cursor_force":{{"{_FORMATS[version]}":{{"x":%.4f,"y":%.4f,"z":%.4f}}}}'
         if space == "cursor"
         else '"set_angular_torques":{"torques":{"a0":%.6f,"a1":%.6f,"a2":%.6f}}'
     )
@@ -140,7 +140,7 @@ class Stream(Protocol):
 
 #: Wait for a connection [s].
 CONNECT_S = 2.0
-NEEDS = (
+_NEEDS = (
     "the library websockets is not installed, and the Inverse Service speaks over it; "
     "pip install 'hil-teleop[haply]'"
 )
@@ -190,7 +190,7 @@ class MessageLink:
             from websockets.frames import Frame, Opcode
             from websockets.uri import parse_uri
         except ImportError as error:
-            raise ConfigError(NEEDS) from error
+            raise ConfigError(_NEEDS) from error
         self._frame, self._continues = Frame, Opcode.CONT
         self._data = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
         opener: Callable[[str, int], Stream] = bus.handle or _socket
@@ -316,8 +316,8 @@ class InverseConfig:
     def __post_init__(self) -> None:
         if self.space not in SPACES:
             raise ConfigError(unknown("space", self.space, SPACES))
-        if self.format not in FORMATS:
-            raise ConfigError(unknown("format", self.format, FORMATS))
+        if self.format not in _FORMATS:
+            raise ConfigError(unknown("format", self.format, _FORMATS))
         if not 0 < self.stale_ms <= self.lost_ms or self.answer_ms <= 0:
             raise ConfigError("0 < stale_ms <= lost_ms and answer_ms > 0 are needed.")
         if self.space == "joints" and (self.torque_unit <= 0 or self.format != "3.5"):
@@ -332,9 +332,9 @@ _OK, _STALE, _LOST = Status.OK, Status.STALE, Status.LOST
 #: Messages without an answer after which no other one is sent: the answers stay at most so old.
 FLYING = 2
 #: Messages that one tick takes at most.
-CROWD = 16
+_CROWD = 16
 #: Wait between two looks while opening [s].
-STEP_S = 1e-3
+_STEP_S = 1e-3
 
 
 class Inverse3:
@@ -405,13 +405,13 @@ class Inverse3:
 
     def _found(self) -> dict[str, Any]:
         """Row of the device in the inventory, which the service sends by itself at first."""
-        for _ in range(max(1, round(self.config.answer_ms * 1e-3 / STEP_S))):
+        for _ in range(max(1, round(self.config.answer_ms * 1e-3 / _STEP_S))):
             message = self._link.receive()
             if message is not None:
                 return self._chosen(devices(message))
             if self._link.trouble:
                 break
-            self._bus.pause(STEP_S)
+            self._bus.pause(_STEP_S)
         said = self._link.trouble or f"it sent no list of devices in {self.config.answer_ms:g} ms"
         raise DeviceError(
             f"box {self.name!r}: no Inverse Service speaks at {self.place}: {said}; its WebSocket "
@@ -472,7 +472,7 @@ class Inverse3:
     def _drain(self) -> bool:
         """Whether a good state was among what has come; the newest one is kept."""
         fresh = False
-        for _ in range(CROWD):
+        for _ in range(_CROWD):
             message = self._link.receive()
             if message is None:
                 break
@@ -531,10 +531,10 @@ class Inverse3:
             self._on = not lack
             return
         self.rest()
-        for _ in range(max(1, round(self.config.answer_ms * 1e-3 / STEP_S))):
+        for _ in range(max(1, round(self.config.answer_ms * 1e-3 / _STEP_S))):
             if not self._flying or self._link.trouble or self.trouble:
                 break
-            self._bus.pause(STEP_S)
+            self._bus.pause(_STEP_S)
             self._drain()
 
     def describe(self) -> str:
@@ -604,7 +604,7 @@ def attached(bus: Bus) -> list[Attached]:
             message = link.receive()
             if message is not None or link.trouble:
                 break
-            bus.pause(STEP_S)
+            bus.pause(_STEP_S)
     finally:
         link.close()
     rows = devices(message or b"") or []

@@ -37,7 +37,7 @@ def second_frame(data: bytes, words: Any) -> tuple[int, int]:
 
 
 #: A word at one of these is at the end of its range.
-RAILS = (-32768, 32767)
+_RAILS = (-32768, 32767)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class NetFtCan(PolledGauges):
         usable = self._status == 0 and self.number != self._last
         self._last = self.number
         for word in self._pending.tolist():
-            if word in RAILS:
+            if word in _RAILS:
                 usable = False
         if usable:
             self.gauges[:] = self._pending

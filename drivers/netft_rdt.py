@@ -17,7 +17,7 @@ from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
 
-PORT = 49152
+_PORT = 49152
 HEADER = 0x1234
 STOP, REAL_TIME, SOFTWARE_BIAS = 0x0000, 0x0002, 0x0042
 RECORD_BYTES = 36
@@ -38,11 +38,11 @@ def record(data: bytes, words: Any) -> tuple[int, int, int]:
 
 
 #: Records that one tick takes at most; at 7 kHz there are seven.
-CROWD = 256
+_CROWD = 256
 #: Sequence numbers are modulo this.
-SPAN = 1 << 32
+_SPAN = 1 << 32
 #: Wait between two looks for a record, when opening and taring [s]; and how often.
-STEP_S, LOOKS = 1e-3, 50
+_STEP_S, _LOOKS = 1e-3, 50
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class NetFtRdt:
     def _drain(self) -> bool:
         """Whether a good record newer than the last was among those that came."""
         good = False
-        for _ in range(CROWD):
+        for _ in range(_CROWD):
             data = self._link.receive()
             if data is None:
                 break
@@ -148,8 +148,8 @@ class NetFtRdt:
                 self.malformed += 1
                 continue
             sequence, _, status = record(data, self._words)
-            ahead = (sequence - self._sequence) % SPAN if self._sequence >= 0 else 1
-            if not 0 < ahead < SPAN // 2:
+            ahead = (sequence - self._sequence) % _SPAN if self._sequence >= 0 else 1
+            if not 0 < ahead < _SPAN // 2:
                 self.old += 1
                 continue
             self.missed += ahead - 1
@@ -170,12 +170,12 @@ class NetFtRdt:
             If the box reports an error.
         """
         self._fresh_ns, self.trouble = -1, ""
-        for _ in range(LOOKS):
+        for _ in range(_LOOKS):
             self._link.advance(t_ns)
             if self._drain():
-                return t_ns + round(STEP_S * 1e9)
-            self._bus.pause(STEP_S)
-            t_ns += round(STEP_S * 1e9)
+                return t_ns + round(_STEP_S * 1e9)
+            self._bus.pause(_STEP_S)
+            t_ns += round(_STEP_S * 1e9)
         self.check()
         raise DeviceTimeoutError(
             f"{self.name}: no record from {self.serial} within 50 ms; is the box on, at this "
@@ -216,7 +216,7 @@ def open_box(
     """
     if any(channels):
         raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
-    return NetFtRdt(name, bus, *split_host(name, address, PORT), config)
+    return NetFtRdt(name, bus, *split_host(name, address, _PORT), config)
 
 
 #: What the registry looks for.

@@ -19,7 +19,7 @@ from hil.signals.device import FloatArray, OperatingState, StateCommand, StateMa
 from hil.signals.velocity import estimator
 
 #: Joints of the arm, and the robot that the constants are of.
-JOINTS, ROBOT = 3, "phantom-premium-1.5"
+_JOINTS, _ROBOT = 3, "phantom-premium-1.5"
 #: Bits of a DAC; boxes take codes of 16 bits.
 FEWEST_BITS, MOST_BITS = 8, 16
 _TURNED = " {0} get a minus before their places in channels.{1}, e.g. '-BOX/0'."
@@ -73,7 +73,7 @@ class PremiumConfig:
     velocity_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.home) != JOINTS:
+        if len(self.home) != _JOINTS:
             raise ConfigError("home: three joint angles [rad] are needed.")
         for name, hint in _POSITIVE.items():
             value = getattr(self, name)
@@ -95,13 +95,13 @@ class PremiumConfig:
     def _refuse_gear(self) -> None:
         """Refuse what turns no motor angles into joint angles."""
         size = [len(row) for row in self.gear]
-        if size != [JOINTS] * JOINTS:
+        if size != [_JOINTS] * _JOINTS:
             raise ConfigError(
                 f"gear has {len(size)} rows of {size} numbers; three rows of three are needed, "
                 "motor angles = gear @ joint angles."
             )
         gear = np.array(self.gear)
-        if not np.isfinite(gear).all() or np.linalg.matrix_rank(gear) < JOINTS:
+        if not np.isfinite(gear).all() or np.linalg.matrix_rank(gear) < _JOINTS:
             raise ConfigError(
                 f"gear = {[list(row) for row in self.gear]} cannot be inverted: a joint moves no "
                 "motor, or two joints move the motors alike; give each joint the reduction of its "
@@ -129,15 +129,15 @@ class PremiumConfig:
         joints : int
             How many joints the arm has.
         """
-        if joints != JOINTS:
+        if joints != _JOINTS:
             raise ConfigError(
                 f"the driver reads three encoders and drives three motors, and arm {arm!r} has "
                 f"{joints} joints; name the driver of its drives."
             )
-        if robot not in ("", ROBOT) and self.gear == PremiumConfig.gear:
+        if robot not in ("", _ROBOT) and self.gear == PremiumConfig.gear:
             raise ConfigError(
-                f"the reductions and motors of the driver are those of {ROBOT}, and arm {arm!r} is "
-                f"a {robot!r}; set robot = {ROBOT!r}, or give the arm's own gear, "
+                f"the reductions and motors of the driver are those of {_ROBOT}, and arm {arm!r} "
+                f"is a {robot!r}; set robot = {_ROBOT!r}, or give the arm's own gear, "
                 "counts_per_turn, torque_constant, amps_per_volt and stall_torque as options."
             )
 

@@ -77,7 +77,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
 
 
 #: What stands behind a name of a group must have.
-PARTS: dict[str, tuple[str, ...]] = {
+_PARTS: dict[str, tuple[str, ...]] = {
     "hil.drivers": ("Config", "open_device"),
     "hil.boxes": ("BUS", "Config", "open_box"),
     "hil.controllers": ("Config", "build"),
@@ -127,11 +127,11 @@ def load(group: str, name: str) -> Any:
         if not own(group, name):
             _FILES[str(getattr(found, "__file__", ""))] = group, name
         found = getattr(found, attribute) if attribute else found
-    lacking = [part for part in PARTS.get(group, ()) if not hasattr(found, part)]
+    lacking = [part for part in _PARTS.get(group, ()) if not hasattr(found, part)]
     if lacking:
         raise ConfigError(
             f"{name!r} of {group} has no {' and no '.join(lacking)}; "
-            f"{', '.join(PARTS[group])} are needed. Mend {plug_in(group, name)}."
+            f"{', '.join(_PARTS[group])} are needed. Mend {plug_in(group, name)}."
         )
     return found
 

@@ -62,7 +62,7 @@ class Settings:
         parts = [p for w in held for p in re.split("[/=,']", w)]
         # what is made beside x.mcap is x.1.mcap; a break at an end is like those of any text
         within = {p for x in parts for p in (x, x.rpartition(".")[0]) if p == p.strip("\n")}
-        within |= {w for w in held if len(w) > NARROW or w == w.strip("\n")}
+        within |= {w for w in held if len(w) > _NARROW or w == w.strip("\n")}
         longest = sorted((p for p in within if "\n" in p), key=len, reverse=True)
         self.broken = {p: p.replace("\n", "\\n") for p in longest}
 
@@ -316,9 +316,9 @@ def _within(line: str, wide: int) -> str:
     indent = " " * (len(line) - len(line.lstrip(" ")))
     return textwrap.fill(
         line.lstrip(" "),
-        max(wide, len(indent) + NARROW),
+        max(wide, len(indent) + _NARROW),
         initial_indent=indent,
-        subsequent_indent=indent + " " * INDENT,
+        subsequent_indent=indent + " " * _INDENT,
         break_long_words=False,
         break_on_hyphens=False,
     )
@@ -363,9 +363,9 @@ def write_page(path: str | None, text: str) -> None:
 # ------------------------------------------------------------ tables
 
 #: Spaces before a table, and between its columns.
-INDENT, GAP = 2, 2
+_INDENT, _GAP = 2, 2
 #: No column of words gets narrower than this [characters].
-NARROW = 16
+_NARROW = 16
 Row = list[str]
 
 
@@ -441,7 +441,7 @@ def aligned(
 
 
 def _total(wide: Sequence[int]) -> int:
-    return INDENT + sum(wide) + GAP * (len(wide) - 1)
+    return _INDENT + sum(wide) + _GAP * (len(wide) - 1)
 
 
 def _narrowed(wide: Sequence[int], left: Sequence[int], width: int) -> list[int]:
@@ -449,7 +449,7 @@ def _narrowed(wide: Sequence[int], left: Sequence[int], width: int) -> list[int]
     out = list(wide)
     over = _total(out) - width
     for k in sorted((k for k in left if k < len(out)), key=lambda k: -out[k]):
-        cut = min(max(over, 0), max(out[k] - NARROW, 0))
+        cut = min(max(over, 0), max(out[k] - _NARROW, 0))
         out[k] -= cut
         over -= cut
     return out
@@ -471,7 +471,7 @@ def _lines(cells: Sequence[Sequence[str]], wide: Sequence[int], left: Sequence[i
     lines = [*_row(head, wide, left), rule]
     for row in rows:
         lines += _row(row, wide, left)
-    return "\n".join(" " * INDENT + x.rstrip() for x in lines)
+    return "\n".join(" " * _INDENT + x.rstrip() for x in lines)
 
 
 def _broken(cell: str, width: int) -> Row:
@@ -485,7 +485,7 @@ def _row(cells: Sequence[Row], wide: Sequence[int], left: Sequence[int]) -> list
     high = max(map(len, cells))
     full = [c + [""] * (high - len(c)) for c in cells]
     return [
-        (" " * GAP).join(
+        (" " * _GAP).join(
             c[i].ljust(w) if k in left else c[i].rjust(w)
             for k, (c, w) in enumerate(zip(full, wide, strict=True))
         )

@@ -13,7 +13,7 @@ from hil.errors import ConfigError, unknown
 
 T = TypeVar("T")
 #: Of a number in a rig file, in SI units; infinity and what overflows is no quantity.
-LARGEST = 1e12
+_LARGEST = 1e12
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -80,8 +80,8 @@ def _scalar(kind: Any, value: Any, where: str) -> Any:
         raise ConfigError(f"[{where}]: {value!r} should be of type {kind.__name__}.")
     if kind is float and value != value:
         raise ConfigError(f"[{where}]: not a number.")
-    if kind is float and abs(value) > LARGEST:
-        raise ConfigError(f"[{where}]: {value!r} is beyond {LARGEST:g}, as no quantity here is.")
+    if kind is float and abs(value) > _LARGEST:
+        raise ConfigError(f"[{where}]: {value!r} is beyond {_LARGEST:g}, as no quantity here is.")
     return value
 
 

@@ -21,12 +21,12 @@ LARGEST_TEXT = 4 * 2**20
 #: Any file that is read whole: a session, a table [byte].
 LARGEST = 2**48
 #: Tables within tables; the deepest of the package has five.
-DEEPEST = 32
+_DEEPEST = 32
 #: What TOML promises to hold: integers of 64 bits.
 LARGEST_NUMBER = 2**63
 #: A key of many parts: the parser of the library takes memory with the square of their number.
 _LONG_KEY = re.compile(
-    r"""(?<![\w"'-])(?>[\w"'-]++[ \t]*+\.[ \t]*+){%d}""" % DEEPEST  # noqa: UP031
+    r"""(?<![\w"'-])(?>[\w"'-]++[ \t]*+\.[ \t]*+){%d}""" % _DEEPEST  # noqa: UP031
 )
 
 
@@ -124,7 +124,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     tomllib.TOMLDecodeError
-        If it is not TOML, nests deeper than `DEEPEST`, or holds an integer of more than 64 bits.
+        If it is not TOML, nests deeper than `_DEEPEST`, or holds an integer of more than 64 bits.
     """
     if _LONG_KEY.search(text):
         raise tomllib.TOMLDecodeError(_deep())
@@ -140,7 +140,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     while waiting:
         value, depth = waiting.pop()
         if isinstance(value, dict | list):
-            if depth > DEEPEST:
+            if depth > _DEEPEST:
                 raise tomllib.TOMLDecodeError(_deep())
             inner = value.values() if isinstance(value, dict) else value
             waiting += [(x, depth + 1) for x in inner]
@@ -150,7 +150,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def _deep() -> str:
-    return f"tables or lists nest deeper than {DEEPEST}"
+    return f"tables or lists nest deeper than {_DEEPEST}"
 
 
 def is_dataset(path: Path) -> bool:

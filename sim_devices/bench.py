@@ -30,7 +30,7 @@ from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
 from hil.sim_devices.simtime import VirtualTime
 
 #: Ticks whose random numbers are drawn at once: few, so that no tick is much longer than others.
-BLOCK = 16
+_BLOCK = 16
 
 
 class Bench:
@@ -64,7 +64,7 @@ class Bench:
         self.counts = np.zeros((n, 3), np.int64)
         self.gauges = np.zeros((n, 6), np.int64)
         self._rng = np.random.default_rng([seed, 0x5EED])
-        self._noise = np.zeros((BLOCK, n, NOISES))
+        self._noise = np.zeros((_BLOCK, n, NOISES))
         self._left = 0
         #: Called with the time [ns] before and after every tick: devices at wire level.
         self.before: list[Callable[[int], None]] = []
@@ -130,7 +130,7 @@ class Bench:
                 act(self.now_ns)
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
-                self._left = BLOCK
+                self._left = _BLOCK
             world.run(
                 self.parameters,
                 self.state,
@@ -140,7 +140,7 @@ class Bench:
                 self.period_ns * 1e-9,
                 SUBSTEPS,
                 self.codes,
-                self._noise[BLOCK - self._left],
+                self._noise[_BLOCK - self._left],
                 self.counts,
                 self.gauges,
             )
@@ -458,7 +458,7 @@ class WiredBench:
 # that stays dark over one line: four counts are lost in either direction, and none is illegal.
 
 #: Steps in which a slow motion is looked at [quarter lines].
-FINE = 0.25
+_FINE = 0.25
 _STEP = np.zeros((4, 4), np.int64)
 for _before, _after in ((0, 1), (1, 3), (3, 2), (2, 0)):
     _STEP[_before, _after], _STEP[_after, _before] = 1, -1
@@ -556,7 +556,7 @@ def _advance(
         if way == 0.0:
             continue
         # a fast motion is seen once a sample of the decoder, a slow one in fine steps
-        n = max(1, int(np.ceil(min(abs(way) / FINE, samples))))
+        n = max(1, int(np.ceil(min(abs(way) / _FINE, samples))))
         seen = tracks(at[i], phase, dark)
         for k in range(1, n + 1):
             now = tracks(at[i] + way * k / n, phase, dark)

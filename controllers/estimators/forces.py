@@ -22,12 +22,12 @@ from hil.signals.device import FloatArray
 
 METHODS = ("momentum", "inverse-dynamics")
 #: Memory: integral or last speed, filtered torque, last friction, slips, time.
-MEMORY = 10 + compensation.MEMORY
-NAMES = (
+_MEMORY = 10 + compensation.MEMORY
+_NAMES = (
     *(f"force_{axis}" for axis in "xyz"),
     *(f"torque{j}" for j in (1, 2, 3)),
 )
-UNITS = ("N",) * 3 + ("N m",) * 3
+_UNITS = ("N",) * 3 + ("N m",) * 3
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def differentiate(
 
 
 @nb.njit(cache=True, nogil=True)
-def estimate(
+def _estimate(
     phase: int,
     q: Any,
     v: Any,
@@ -178,7 +178,7 @@ class Forces:
         Of the loop [s].
     """
 
-    names, units, memory, force, message = NAMES, UNITS, MEMORY, 0, "ForceEstimate"
+    names, units, memory, force, message = _NAMES, _UNITS, _MEMORY, 0, "ForceEstimate"
 
     def __init__(self, config: ForcesConfig, period: float) -> None:
         catalogue.load_files(config.plugins)
@@ -200,7 +200,7 @@ class Forces:
         out: FloatArray,
     ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
-        estimate(phase, u[:3], u[3:6], sent, self._c, *self._tables, self._w, past, now, out)
+        _estimate(phase, u[:3], u[3:6], sent, self._c, *self._tables, self._w, past, now, out)
 
 
 Config = ForcesConfig

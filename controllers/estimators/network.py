@@ -27,9 +27,9 @@ NAMES = (
     "learning",
     "nodes",
 )
-UNITS = ("N",) * 3 + ("N m",) * 6 + ("1",) * 2
+_UNITS = ("N",) * 3 + ("N m",) * 6 + ("1",) * 2
 #: Memory before the networks: integral (3,), time, time of the last touch.
-FIRST = 5
+_FIRST = 5
 
 
 @dataclass(frozen=True)
@@ -170,14 +170,14 @@ def untouched(phase: int, force: Any, c: Any, past: Any, now: Any, at: int) -> b
 
 
 @nb.njit(cache=True, nogil=True)
-def estimate(
+def _estimate(
     phase: int, u: Any, sent: Any, c: Any, n: Any, psi: Any, w: Any, past: Any, now: Any, out: Any
 ) -> None:
     """One period; see `NetworkForces.update`."""
     q, v = u[:3], u[3:6]
     free = untouched(phase, u[6:9], c, past, now, 3)
-    m = now[FIRST:]
-    m[:] = past[FIRST:]
+    m = now[_FIRST:]
+    m[:] = past[_FIRST:]
     if phase == 0:
         wavelets.clear(m)
     w.goal[:] = 0.0
@@ -257,11 +257,11 @@ class NetworkForces:
         Of the loop [s].
     """
 
-    names, units, force, message = NAMES, UNITS, 0, "FrictionNetworkEstimate"
+    names, units, force, message = NAMES, _UNITS, 0, "FrictionNetworkEstimate"
 
     def __init__(self, config: NetworkConfig, period: float) -> None:
         self.corner_hz = config.corner_hz
-        self.memory = FIRST + wavelets.size(config.network.nodes)
+        self.memory = _FIRST + wavelets.size(config.network.nodes)
         gain = 2 * np.pi * config.corner_hz
         self._c, self._w = np.zeros(1, _KNOWN)[0], np.zeros(1, _WORK)[0]
         self._c["model"], self._c["lengths"] = config.model, config.lengths
@@ -280,7 +280,7 @@ class NetworkForces:
         out: FloatArray,
     ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
-        estimate(phase, u, sent, self._c, self._n, self._psi, self._w, past, now, out)
+        _estimate(phase, u, sent, self._c, self._n, self._psi, self._w, past, now, out)
 
 
 Config = NetworkConfig

@@ -48,7 +48,7 @@ NAMES = (
     "learning",
     "nodes",
 )
-UNITS = (
+_UNITS = (
     *["N"] * 3,
     *["N m"] * 3,
     *["rad"] * 3,
@@ -64,7 +64,7 @@ UNITS = (
     *["1"] * 2,
 )
 #: Reflected rotors of the Premium 1.5 [kg m^2], and a count of its encoders [rad].
-ROTORS, COUNTS = (1.8e-4, 1.3e-4, 1.3e-4), (1.15e-4, 1.37e-4, 1.37e-4)
+ROTORS, _COUNTS = (1.8e-4, 1.3e-4, 1.3e-4), (1.15e-4, 1.37e-4, 1.37e-4)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class TransmissionConfig:
     model: tuple[float, ...] = PREMIUM
     rotor: tuple[float, float, float] = ROTORS
     start: tuple[float, ...] = (150.0, 1e4, 0.008, 6e-4, 0.004, 6e-4)
-    resolution: tuple[float, float, float] = COUNTS
+    resolution: tuple[float, float, float] = _COUNTS
     noise: tuple[float, ...] = (1e-12, 1e-4, 1e-12, 1e-4, 1e-10)
     spread: float = 0.1
     soft: float = 0.02
@@ -133,7 +133,7 @@ class TransmissionConfig:
 #: Memory: filters (3 x (N + N^2)), network's friction (3), residuals (3), time, last touch.
 _EACH_JOINT = N + N * N
 _FILTERS = 3 * _EACH_JOINT
-FIRST = _FILTERS + 8
+_FIRST = _FILTERS + 8
 #: Variance of a logarithm that counts as known; Runge-Kutta steps a tick.
 KNOWN_VARIANCE = 1e-12
 STEPS_A_TICK = 4
@@ -259,7 +259,7 @@ def rub(free: bool, n: Any, nets: Any, psi: Any, w: Any, now: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def estimate(
+def _estimate(
     phase: int,
     u: Any,
     sent: Any,
@@ -274,8 +274,8 @@ def estimate(
 ) -> None:
     """One period; see `hil.controllers.estimators.transmission.Transmission.update`."""
     now[:] = past
-    free = network.untouched(phase, u[6:9], c, past, now, FIRST - 2)
-    nets = now[FIRST:]
+    free = network.untouched(phase, u[6:9], c, past, now, _FIRST - 2)
+    nets = now[_FIRST:]
     if phase == 0:
         wavelets.clear(nets)
         for j in range(3):
@@ -290,10 +290,10 @@ def estimate(
     dynamics.jacobian(u[:3], c.lengths, w.jacobian)
     dynamics.solve_transposed(w.jacobian, w.r, w.square, out)
     tell(f, w, out)
-    out[NAMED - 2], out[NAMED - 1] = free, network.count(nets)
+    out[_NAMED - 2], out[_NAMED - 1] = free, network.count(nets)
 
 
-NAMED = len(NAMES)
+_NAMED = len(NAMES)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -362,11 +362,11 @@ class Transmission:
         Of the loop [s].
     """
 
-    names, units, force, message = NAMES, UNITS, 0, "TransmissionEstimate"
+    names, units, force, message = NAMES, _UNITS, 0, "TransmissionEstimate"
 
     def __init__(self, config: TransmissionConfig, period: float) -> None:
         self.corner_hz, joints = config.corner_hz, config.joints()
-        self.memory = FIRST + wavelets.size(config.network.nodes)
+        self.memory = _FIRST + wavelets.size(config.network.nodes)
         self._c, self._w = np.zeros(1, _KNOWN)[0], np.zeros(1, _WORK)[0]
         for name in ("model", "lengths", "rotor", "soft", "touch"):
             self._c[name] = getattr(config, name)
@@ -392,7 +392,7 @@ class Transmission:
         out: FloatArray,
     ) -> None:
         """One period; see `hil.signals.device.Estimator`."""
-        estimate(phase, u, sent, self._c, self._n, self._psi, self._f, self._w, past, now, out)
+        _estimate(phase, u, sent, self._c, self._n, self._psi, self._f, self._w, past, now, out)
 
 
 Config = TransmissionConfig

@@ -159,7 +159,7 @@ class ReplayedBus:
 
 
 #: More frames than this do not fit into any wait of a driver: a bus that never falls silent.
-CROWD = 512
+_CROWD = 512
 
 #: Bits of a request and its two answers at most, stuff bits and gaps included, with a fifth for
 #: what else is on the bus; the board's own time [ns].
@@ -244,13 +244,13 @@ class CanLink:
 
     def poll(self) -> None:
         """Deliver every frame that has arrived; never waits."""
-        for _ in range(CROWD):
+        for _ in range(_CROWD):
             if not self._one(0.0):
                 return
 
     def wait(self, seconds: float, done: Callable[[], bool]) -> bool:
         """Deliver frames until `done`, until none comes for `seconds`, or an error frame does."""
-        for _ in range(CROWD):
+        for _ in range(_CROWD):
             errors = self.errors
             if done() or not self._one(seconds) or self.errors > errors:
                 break

@@ -23,7 +23,7 @@ from hil.signals.device import Status
 #: Value of the option `route`: our own driver, or this one.
 OWN, ULDAQ = "own", "uldaq"
 ROUTES = (OWN, ULDAQ)
-NEEDS = (
+_NEEDS = (
     'route = "uldaq" needs the vendor\'s library: install libuldaq (UL for Linux), then '
     "'pip install uldaq'; or write route = \"own\""
 )
@@ -51,7 +51,7 @@ def library(name: str, bus: Bus) -> Any:
     try:
         return importlib.import_module("uldaq")
     except (ImportError, OSError) as error:  # the module is there, the shared library is not
-        raise ConfigError(f"box {name!r}: {NEEDS} ({error})") from ImportError(str(error))
+        raise ConfigError(f"box {name!r}: {_NEEDS} ({error})") from ImportError(str(error))
 
 
 class Opened:
@@ -118,7 +118,7 @@ class BoxClock(Protocol):
 
 #: Scans of the ring that the library fills, in seconds of the stream.
 RING_S = 1.0
-FIRST_DATA_S, STEP_S = 1.0, 0.005
+_FIRST_DATA_S, _STEP_S = 1.0, 0.005
 
 
 class UldaqCounts:
@@ -199,10 +199,10 @@ class UldaqCounts:
         filling = 512 / (self._width * config.bits // 8)
         self._clock = clock(1e9 / rate, filling * 1e9 / rate)
         self._most = 1.0 + config.fastest / rate
-        for _ in range(round(FIRST_DATA_S / STEP_S)):
+        for _ in range(round(_FIRST_DATA_S / _STEP_S)):
             if self._scans() > 1:
                 break
-            bus.pause(STEP_S)
+            bus.pause(_STEP_S)
         else:
             raise DeviceError(f"box {self.name!r} (by uldaq) delivers no counts; plug it in again.")
         # where the counters stand now is home

@@ -35,7 +35,7 @@ ANSWER_BYTES = {
     READ_FIRMWARE: 4,
 }
 
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 SLOTS = 16
 #: Firmware before this has neither counts per unit nor unit codes ...
 UNITS_SINCE = (3, 7)
@@ -63,7 +63,7 @@ TORQUE_UNITS = {
 }
 
 #: Status bit -> meaning, and whether a sample with it must not be used.
-STATUS_BITS = {
+_STATUS_BITS = {
     0: ("watchdog reset happened", False),
     1: ("DAC/ADC check too high", True),
     2: ("DAC/ADC check too low", True),
@@ -78,7 +78,7 @@ STATUS_BITS = {
     14: ("CAN bus error", False),
     15: ("any error", False),
 }
-CRITICAL = sum(1 << bit for bit, (_, critical) in STATUS_BITS.items() if critical)
+CRITICAL = sum(1 << bit for bit, (_, critical) in _STATUS_BITS.items() if critical)
 
 _FIRST = struct.Struct(">Hhhh").unpack
 _SECOND = struct.Struct(">hhh").unpack
@@ -91,7 +91,7 @@ def identifier(base: int, operation: int) -> int:
 
 def describe_status(word: int) -> str:
     """Meaning of every bit that is set in a status word."""
-    known = [text for bit, (text, _) in STATUS_BITS.items() if word >> bit & 1]
+    known = [text for bit, (text, _) in _STATUS_BITS.items() if word >> bit & 1]
     return ", ".join(known) or ("no error" if word == 0 else f"reserved bits 0x{word:04x}")
 
 

@@ -72,8 +72,8 @@ def _known(kind: str, name: str, names: list[str]) -> None:
 
 #: An answer takes well under a millisecond; a board that resets, tens of them [s].  A rig file
 #: that gives answers more time than this gives it to these questions too.
-PATIENCE_S = 0.05
-TRIES = 3
+_PATIENCE_S = 0.05
+_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,8 @@ class Dialogue:
             If the board does not answer, or not in full, after three attempts.
         """
         wanted = list(range(operation, operation + frames))
-        patience = max(PATIENCE_S, self._config.answer_ms * 1e-3)
-        for _ in range(TRIES):
+        patience = max(_PATIENCE_S, self._config.answer_ms * 1e-3)
+        for _ in range(_TRIES):
             self._link.poll()
             self._heard.clear()
             self._link.send(codec.identifier(self._config.base, operation), request)

@@ -27,7 +27,7 @@ AOUT, AOUT_SYNC, AOUT_CONFIG = 0x14, 0x15, 0x1C
 MEMORY_READ, SET_SYNC, GET_STATUS = 0x30, 0x43, 0x44
 BIPOLAR, NOW, ON_SYNC, MASTER = 1, 0, 1, 0
 #: Codes of 0 V and of the largest voltage in the range of +/- 10 V.
-ZERO, TOP = 32768, 65535
+_ZERO, _TOP = 32768, 65535
 FLASH_BIPOLAR, FLASH_STEP, FLASH_BYTES = 0x108, 0x10, 8
 REPLY_MAX = 64
 #: A calibration further than this from slope 1 and offset 0 is none.
@@ -82,10 +82,10 @@ def converter(code: int, slope: float, offset: float) -> int:
     (32768, 49152, 65535)
     """
     # k' = slope k + offset
-    ideal = float(code + ZERO)
-    if not 0.0 <= ideal <= TOP:
-        ideal = 0.0 if ideal < 0.0 else float(TOP)
+    ideal = float(code + _ZERO)
+    if not 0.0 <= ideal <= _TOP:
+        ideal = 0.0 if ideal < 0.0 else float(_TOP)
     real = slope * ideal + offset
-    if not 0.0 <= real <= TOP:
-        return 0 if real < 0.0 else TOP
+    if not 0.0 <= real <= _TOP:
+        return 0 if real < 0.0 else _TOP
     return int(real + 0.5)

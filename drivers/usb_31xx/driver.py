@@ -80,10 +80,10 @@ class Usb31xxConfig:
         return (REPORTS_PER_S - beats - QUERIES_PER_S) / self.reports(channels)
 
 
-FRAME_S, PATIENCE_MS, TRIES = 0.001, 500, 2
-RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="09db", MODE="0666"'
+_FRAME_S, _PATIENCE_MS, _TRIES = 0.001, 500, 2
+_RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="09db", MODE="0666"'
 USB_RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
-RULE_FILE = "/etc/udev/rules.d/60-hil-mcc.rules"
+_RULE_FILE = "/etc/udev/rules.d/60-hil-mcc.rules"
 
 
 def module(bus: Bus) -> Any:
@@ -125,18 +125,18 @@ def attached(bus: Bus) -> list[Attached]:
             try:
                 handle.open_path(row["path"])
             except OSError as error:
-                found.append(Attached(serial, f"{what}: {refusal(error)}", False))
+                found.append(Attached(serial, f"{what}: {_refusal(error)}", False))
             else:
                 handle.close()
                 found.append(Attached(serial, what))
     return found
 
 
-def refusal(error: OSError) -> str:
+def _refusal(error: OSError) -> str:
     """Why a box that is attached cannot be opened, and what to do."""
     return (
         f"it cannot be opened ({error}): no permission, or another program holds it. Put "
-        f"{USB_RULE!r} and {RULE!r} into {RULE_FILE}, then 'sudo udevadm control --reload' and "
+        f"{USB_RULE!r} and {_RULE!r} into {_RULE_FILE}, then 'sudo udevadm control --reload' and "
         "plug it in again"
     )
 
@@ -171,7 +171,7 @@ class HidLink:
         try:
             self._device.open_path(fits[0]["path"])
         except OSError as error:
-            raise DeviceError(f"box {name!r}: {refusal(error)}.") from error
+            raise DeviceError(f"box {name!r}: {_refusal(error)}.") from error
         self._device.set_nonblocking(1)
         while self._device.read(codec.REPLY_MAX):  # what a crashed program left
             pass
@@ -191,7 +191,7 @@ class HidLink:
     def say(self, report: bytes) -> None:
         """One report and the frame that it takes; for opening and closing."""
         self.write(report)
-        self._bus.pause(FRAME_S)
+        self._bus.pause(_FRAME_S)
 
     def poll(self) -> bytes:
         """An input report that waits, or nothing."""
@@ -208,14 +208,14 @@ class HidLink:
         DeviceTimeoutError
             If none comes, asked twice.
         """
-        for _ in range(TRIES):
+        for _ in range(_TRIES):
             self.say(report)
-            for _ in range(PATIENCE_MS):
+            for _ in range(_PATIENCE_MS):
                 reply = self.poll()
                 if reply and reply[0] == report[0] and len(reply) > length:
                     return reply[1 : 1 + length]
                 if not reply:
-                    self._bus.pause(FRAME_S)
+                    self._bus.pause(_FRAME_S)
         raise DeviceTimeoutError(
             f"box {self.name!r} (USB-31xx) does not answer report 0x{report[0]:02x}; plug it in "
             "again."
@@ -226,7 +226,7 @@ class HidLink:
         self._device.close()
 
 
-_FRAME_NS = round(FRAME_S * 1e9)
+_FRAME_NS = round(_FRAME_S * 1e9)
 _QUERY_NS = round(1e9 / QUERIES_PER_S)
 _STATUS = bytes([codec.GET_STATUS])
 
@@ -359,7 +359,7 @@ class Usb31xx:
         if now < self._next_ns:
             return (self._next_ns - now) * 1e-9
         if not self._lock.acquire(blocking=False):  # zeros are going out
-            return FRAME_S
+            return _FRAME_S
         try:
             report = self._urgent(now)
             if report:
@@ -373,7 +373,7 @@ class Usb31xx:
             return 1.0
         finally:
             self._lock.release()
-        return 0.0 if report else FRAME_S / 4
+        return 0.0 if report else _FRAME_S / 4
 
     def _urgent(self, now: int) -> bytes:
         """Heartbeat, question, next report of an update, or nothing."""
@@ -430,7 +430,7 @@ class Usb31xx:
         with self._lock:
             try:
                 self._zero()
-                self._bus.pause(2 * FRAME_S)
+                self._bus.pause(2 * _FRAME_S)
             except DeviceError as error:
                 self.trouble = self.trouble or str(error)
 

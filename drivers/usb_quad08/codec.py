@@ -50,7 +50,7 @@ RUN, STOPPED, RESET_LIST, NORMAL_PACER, RESET_RESULTS = 0x0031, 0x0000, 0x0004, 
 BEFORE_LIST_ENDS = ((ACQUIRE, 0x0054), (ACQUIRE, 0x0040), (VARIABLE_RATE, 0))
 #: (status & READY_MASK) == READY before the pacer may run.
 READY_MASK, READY = 0x0018, 0x0010
-STATUS_BITS = {
+_STATUS_BITS = {
     0x0004: "results FIFO overrun",
     0x0040: "ADC not ready",
     0x0080: "arbitration failure",
@@ -163,7 +163,7 @@ def mark_patterns() -> list[int]:
 
 def faults(status: int) -> list[str]:
     """What a status word complains of."""
-    return [text for bit, text in STATUS_BITS.items() if status & bit]
+    return [text for bit, text in _STATUS_BITS.items() if status & bit]
 
 
 def hex_records(text: str, source: str) -> list[tuple[int, bytes]]:

@@ -19,7 +19,7 @@ from hil.errors import ConfigError, DeviceError, unknown
 from hil.signals.bus import Bus
 from hil.signals.device import Status
 
-WORDS = {16: 1, 32: 2}
+_WORDS = {16: 1, 32: 2}
 #: Counters of a box.
 COUNTERS = 8
 
@@ -67,8 +67,8 @@ class Quad08Config:
 
     def __post_init__(self) -> None:
         check_route(self.route)
-        if self.bits not in WORDS:
-            raise ConfigError(unknown("number of bits", str(self.bits), map(str, WORDS)))
+        if self.bits not in _WORDS:
+            raise ConfigError(unknown("number of bits", str(self.bits), map(str, _WORDS)))
         if self.edges not in codec.RESOLUTIONS:
             raise ConfigError(unknown("number of edges", str(self.edges), ("1", "2", "4")))
         if self.index not in ("", "latch", "clear"):
@@ -91,7 +91,7 @@ class Quad08Config:
 
 
 #: Clocks of host and box differ by at most this, by which the estimated delay may grow [ns/ns].
-DRIFT = 200e-6
+_DRIFT = 200e-6
 
 
 class ScanClock:
@@ -121,7 +121,7 @@ class ScanClock:
         if delay < self._delay:
             self._delay = delay
         else:
-            self._delay = min(delay, self._delay + DRIFT * (t_ns - self._then))
+            self._delay = min(delay, self._delay + _DRIFT * (t_ns - self._then))
         self._then = t_ns
         wanted = int((t_ns - self._delay - self._packet) // self._period)
         return min(wanted, newest)
@@ -179,11 +179,11 @@ def arm(link: UsbLink, words: list[int], divisor: int) -> None:
 
 
 #: Words that the ring holds (a power of two), and scans read before counting begins.
-RING, SETTLING, MOST_PACKETS = 1 << 18, 4, 32
+_RING, _SETTLING, _MOST_PACKETS = 1 << 18, 4, 32
 READ_TIMEOUT_MS = 20
 #: Time between questions for the status, while data come and while none do.
 STATUS_EVERY_NS, STATUS_EMPTY_NS = 1_000_000_000, 10_000_000
-FIRST_DATA_S, STEP_S = 1.0, 0.005
+_FIRST_DATA_S, _STEP_S = 1.0, 0.005
 
 
 class Quad08:
@@ -220,11 +220,11 @@ class Quad08:
     ) -> None:
         self.name, self.config, self.channels = name, config, channels
         self._bus = bus
-        self._words = WORDS[config.bits]
+        self._words = _WORDS[config.bits]
         self._stride = self._words * len(channels)
         self.counts = np.zeros(len(channels), np.int64)
         self._last = np.zeros(len(channels), np.int64)
-        self._ring = np.zeros(RING, np.uint16)
+        self._ring = np.zeros(_RING, np.uint16)
         self._got = 0  # bytes that arrived; published last
         self._used = -1  # scan that `counts` stands for
         self._fresh_ns = self._checked_ns = 0
@@ -241,7 +241,7 @@ class Quad08:
         """Configure, start the scan, wait for data."""
         packet = self._link.packet_size()
         # a thread waits for one packet; in virtual time everything that came in a tick is there
-        length = packet * (MOST_PACKETS if self._bus.simulated else 1)
+        length = packet * (_MOST_PACKETS if self._bus.simulated else 1)
         self._buffer = array("B", bytes(length))
         divisor = codec.pacer_divisor(self.config.rate_hz)
         period = codec.scan_period_ns(divisor)
@@ -253,11 +253,11 @@ class Quad08:
         arm(self._link, codec.scan_list(self.channels, self._words), divisor)
         self._checked_ns = self._bus.now_ns()
         self._stop = self._bus.run(self.name, self._pump)
-        for _ in range(round(FIRST_DATA_S / STEP_S)):
-            if self._scans > SETTLING or self.trouble:
+        for _ in range(round(_FIRST_DATA_S / _STEP_S)):
+            if self._scans > _SETTLING or self.trouble:
                 break
-            self._bus.pause(STEP_S)
-        if self._scans <= SETTLING:
+            self._bus.pause(_STEP_S)
+        if self._scans <= _SETTLING:
             self.close()
             raise DeviceError(
                 self.trouble or f"box {self.name!r} delivers no counts; plug it in again."
@@ -300,8 +300,8 @@ class Quad08:
         if n % 2:
             raise DeviceError(f"box {self.name!r}: {n} bytes, half a word; plug it in again.")
         words = np.frombuffer(self._buffer, np.uint16, n // 2)
-        at = self._got // 2 % RING
-        first = min(RING - at, n // 2)
+        at = self._got // 2 % _RING
+        first = min(_RING - at, n // 2)
         self._ring[at : at + first] = words[:first]
         self._ring[: n // 2 - first] = words[first:]
         self._got += n
@@ -333,7 +333,7 @@ class Quad08:
     def _unwrap(self, scan: int, most: float) -> Status:
         """Go on through the stream to one scan; between two, a counter moves `most` counts."""
         gap = scan - self._used
-        if self._got // 2 - (self._used + 1) * self._stride > RING - self._stride:
+        if self._got // 2 - (self._used + 1) * self._stride > _RING - self._stride:
             # nobody asked for longer than the ring holds, e.g. while a force sensor was tared:
             # one step over the gap, as long as a counter cannot have gone once round in it
             if most * gap >= 1 << (16 * self._words - 1):

@@ -34,10 +34,10 @@ def libusb_backend(given: Any = None) -> Any:
 
 
 TIMEOUT_MS = 1000
-RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
-RULE_FILE = "/etc/udev/rules.d/60-hil-mcc.rules"
-ADVICE = {
-    errno.EACCES: f"no permission; put {RULE!r} into {RULE_FILE}, then "
+_RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="09db", MODE="0666"'
+_RULE_FILE = "/etc/udev/rules.d/60-hil-mcc.rules"
+_ADVICE = {
+    errno.EACCES: f"no permission; put {_RULE!r} into {_RULE_FILE}, then "
     "'sudo udevadm control --reload' and plug it in again",
     errno.EBUSY: "another program holds it; stop that program",
     errno.ENODEV: "it was unplugged, or lost its supply",
@@ -88,7 +88,7 @@ def attached(bus: Bus) -> list[Attached]:
         try:
             serial = str(device.serial_number)
         except (usb.core.USBError, ValueError) as error:
-            why = ADVICE.get(getattr(error, "errno", None) or errno.EACCES, str(error))
+            why = _ADVICE.get(getattr(error, "errno", None) or errno.EACCES, str(error))
             found.append(Attached("", f"USB-QUAD08: {why}", False))
         else:
             found.append(Attached(serial, "USB-QUAD08, eight encoder counters"))
@@ -170,7 +170,7 @@ class UsbLink:
     def trouble(self, error: Any) -> DeviceError:
         """What a USB error means for the user."""
         kind = DeviceTimeoutError if error.errno == errno.ETIMEDOUT else DeviceError
-        advice = ADVICE.get(error.errno, f"{error.strerror or error}; plug it in again")
+        advice = _ADVICE.get(error.errno, f"{error.strerror or error}; plug it in again")
         return kind(f"box {self.name!r} (USB-QUAD08): {advice}.")
 
     def close(self) -> None:
@@ -179,7 +179,7 @@ class UsbLink:
 
 
 #: Longest time that the box takes to come back with its firmware [s]; ULDAQ waits a flat 5 s.
-COMEBACK_S, STEP_S = 8.0, 0.25
+_COMEBACK_S, _STEP_S = 8.0, 0.25
 IMAGES = ("loader.hex", "firmware.hex", "fpga.bin")
 
 
@@ -271,13 +271,13 @@ def _write(link: UsbLink, records: list[tuple[int, bytes]]) -> None:
 
 
 def _come_back(name: str, backend: Any, serial: str, pause: Callable[[float], None]) -> list[Any]:
-    for _ in range(round(COMEBACK_S / STEP_S)):
-        pause(STEP_S)
+    for _ in range(round(_COMEBACK_S / _STEP_S)):
+        pause(_STEP_S)
         found = find(backend, codec.PRODUCT, serial)
         if found:
             return found
     raise DeviceError(
-        f"box {name!r}: it did not come back within {COMEBACK_S:g} s after its firmware was "
+        f"box {name!r}: it did not come back within {_COMEBACK_S:g} s after its firmware was "
         "loaded; check the images, and plug it in again."
     )
 

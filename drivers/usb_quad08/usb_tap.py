@@ -20,7 +20,7 @@ from hil.drivers.usb_quad08.link import libusb_backend
 from hil.signals.bus import Bus, FrameLog, Replay
 
 _HEAD = "bLength bDescriptorType"
-FIELDS = {
+_FIELDS = {
     "device": f"{_HEAD} bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 "
     "idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber bNumConfigurations bus "
     "address port_number port_numbers speed",
@@ -75,7 +75,7 @@ class _Recorded(IBackend):  # type: ignore[misc]
         return iter(self._devices)
 
     def _described(self, kind: str, found: Any, *place: int) -> Any:
-        held = {f: _plain(getattr(found, f, None)) for f in FIELDS[kind].split()}
+        held = {f: _plain(getattr(found, f, None)) for f in _FIELDS[kind].split()}
         held["extra_descriptors"] = list(getattr(found, "extra_descriptors", None) or [])
         key = " ".join([f"desc:{kind}", *map(str, place)])
         self._log.add("rx", key, json.dumps(held).encode())

@@ -91,7 +91,7 @@ def _run(words: Sequence[str]) -> str:
     return done.stdout
 
 
-HEAD = ("rig", "Python", "libraries", "against the first")
+_HEAD = ("rig", "Python", "libraries", "against the first")
 
 
 def rows(found: Sequence[Same]) -> list[list[str]]:
@@ -116,8 +116,8 @@ def page(found: Sequence[Same], command: str) -> str:
             "sessions in",
             "lockstep, each recorded in a process of its own, compared to the byte.",
             "",
-            "| " + " | ".join(HEAD) + " |",
-            "|" + "---|" * len(HEAD),
+            "| " + " | ".join(_HEAD) + " |",
+            "|" + "---|" * len(_HEAD),
             *("| " + " | ".join(r) + " |" for r in rows(found)),
             "",
             f"{same} of {len(found)} sessions have the bytes of the first interpreter's.",
@@ -135,5 +135,5 @@ def command(args: argparse.Namespace) -> Found:
         args.report,
         page(found, f"hil bench determinism --seconds {args.seconds:g}{others}"),
     )
-    text = terminal.table(list(HEAD), rows(found))
+    text = terminal.table(list(_HEAD), rows(found))
     return text, {"sessions": [asdict(s) for s in found]}

@@ -38,9 +38,9 @@ from hil.rigs import rig_path
 from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
-N, HZ = 2000, 500.0
+N, _HZ = 2000, 500.0
 #: Joints of the motion, in the order of the robot.
-JOINTS = ("shoulder", "elbow")
+_JOINTS = ("shoulder", "elbow")
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ class DoorRow:
 
 def motion() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Time (n,) [s], positions, speeds and efforts (n, 2)."""
-    t = np.arange(N) / HZ
+    t = np.arange(N) / _HZ
     w = 2 * np.pi * np.array([0.7, 1.1])
     q, qd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w))
     return t, q, qd, 2.0 * q + 0.3 * qd
 
 
-URDF = "".join(
+_URDF = "".join(
     [
         '<robot name="arm"><link name="base"/>',
         *(
@@ -178,7 +178,7 @@ def _drive(folder: Path) -> list[str]:
 
 
 def _gripper(folder: Path) -> list[str]:
-    (folder / "arm.urdf").write_text(URDF)
+    (folder / "arm.urdf").write_text(_URDF)
     data = columns()
     turned = {"1": "2", "2": "1"}
     data = {n[:-1] + turned.get(n[-1], n[-1]): v for n, v in data.items()}
@@ -309,11 +309,11 @@ def _written(folder: Path, kind: str) -> str:
         )
     )
     t, q, qd, tau = motion()
-    start, names, more = 1_700_000_000_000_000_000, list(JOINTS[::-1]), {"seq": 0} if first else {}
+    start, names, more = 1_700_000_000_000_000_000, list(_JOINTS[::-1]), {"seq": 0} if first else {}
     with writer:
         joints = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
         robot = writer.add_connection("/robot_description", string.__msgtype__, typestore=store)
-        writer.write(robot, start, pack(string(URDF), string.__msgtype__))
+        writer.write(robot, start, pack(string(_URDF), string.__msgtype__))
         for k in range(N):
             ns = start + round(t[k] * 1e9)
             head = header(stamp=stamp(ns // 10**9, ns % 10**9), frame_id="", **more)
@@ -379,7 +379,7 @@ PUBLIC = (
 
 
 #: A stiffness [N m/rad], and the friction of a presliding law in steady sliding [N m].
-STIFFNESS, SLIDING = 1.5, (0.04, 0.03, 0.02, 0.01)
+_STIFFNESS, _SLIDING = 1.5, (0.04, 0.03, 0.02, 0.01)
 
 
 @dataclass(frozen=True)
@@ -406,16 +406,16 @@ class WayOut:
 
 def _model(folder: Path, *uses: Use) -> None:
     """The arm with its description's masses and some effects as a file, its motion as a session."""
-    source = RobotSource("", URDF.replace('type="prismatic"', 'type="fixed"'))
-    robot = bare_robot(source, JOINTS)
+    source = RobotSource("", _URDF.replace('type="prismatic"', 'type="fixed"'))
+    robot = bare_robot(source, _JOINTS)
     friction = [
         Use(n, ("shoulder",), values={f"j1.{n}.{p}": Value(v, unit=u)})
         for n, p, v, u in (("coulomb", "fc", 0.1, "N m"), ("viscous", "fv", 0.2, "N m s/rad"))
     ]
-    valid = tuple(Range(j, (-1.0, 1.0), (-7.0, 7.0), (-9.0, 9.0)) for j in JOINTS)
+    valid = tuple(Range(j, (-1.0, 1.0), (-7.0, 7.0), (-9.0, 9.0)) for j in _JOINTS)
     model = RobotModel(source, (Use("rigid-body"), *friction, *uses), valid=valid)
     write_model(model, folder / "m.toml")
-    t = np.arange(N) / HZ
+    t = np.arange(N) / _HZ
     w = 2 * np.pi * np.array([[0.35, 0.9, 1.7], [0.5, 1.1, 2.3]])
     size = np.array([0.5, 0.25, 0.1])
     q, qd, qdd = (
@@ -425,9 +425,9 @@ def _model(folder: Path, *uses: Use) -> None:
     tree: Any = robot.tree
     tau = tree.regressor(q, qd, qdd) @ (tree.spread @ robot.prior)
     tau[:, 0] += 0.1 * np.sign(qd[:, 0]) + 0.2 * qd[:, 0]
-    tau[:, 1] += STIFFNESS * q[:, 1]
+    tau[:, 1] += _STIFFNESS * q[:, 1]
     tau += 1e-3 * np.random.default_rng(1).standard_normal(tau.shape)
-    run = replace(hil.from_arrays(t, q, tau, qd=qd, joints=JOINTS), robot=source)
+    run = replace(hil.from_arrays(t, q, tau, qd=qd, joints=_JOINTS), robot=source)
     write_recordings(folder / "s.mcap", [run])
 
 
@@ -439,12 +439,12 @@ def _spring(folder: Path) -> list[str]:
 def _stiffness(folder: Path) -> tuple[str, bool]:
     found = ET.parse(folder / "arm.sdf").find(".//joint[@name='elbow']//spring_stiffness")
     k = float(found.text or 0.0) if found is not None else 0.0
-    said = f"spring_stiffness {k:.3f} N m/rad, that of the motion is {STIFFNESS}"
-    return said, abs(k - STIFFNESS) < 0.02 * STIFFNESS
+    said = f"spring_stiffness {k:.3f} N m/rad, that of the motion is {_STIFFNESS}"
+    return said, abs(k - _STIFFNESS) < 0.02 * _STIFFNESS
 
 
 def _presliding(folder: Path) -> list[str]:
-    values = dict(zip(("f0", "f1", "f2", "f3"), SLIDING, strict=True))
+    values = dict(zip(("f0", "f1", "f2", "f3"), _SLIDING, strict=True))
     values |= {"s": 1e-3, "form": 1.0, "v0": 0.01, "vs": 0.0}
     told = {f"j2.presliding.{k}": Value(v) for k, v in values.items()}
     _model(folder, Use("presliding", ("elbow",), values=told))
@@ -454,8 +454,8 @@ def _presliding(folder: Path) -> list[str]:
 def _friction(folder: Path) -> tuple[str, bool]:
     found = ET.parse(folder / "arm.urdf").find("joint[@name='elbow']/dynamics")
     f = float(found.get("friction", 0.0)) if found is not None else 0.0
-    said = f"friction {f:.3f} N m, that of the law in steady sliding is {sum(SLIDING):.3f}"
-    return said, abs(f - sum(SLIDING)) < 0.01 * sum(SLIDING)
+    said = f"friction {f:.3f} N m, that of the law in steady sliding is {sum(_SLIDING):.3f}"
+    return said, abs(f - sum(_SLIDING)) < 0.01 * sum(_SLIDING)
 
 
 def _inverse(folder: Path) -> tuple[str, bool]:
@@ -588,7 +588,7 @@ def _shown(words: list[str]) -> str:
     return shlex.join(["hil", *words])
 
 
-HEAD = ("source", "typed", "s", "what came out", "right")
+_HEAD = ("source", "typed", "s", "what came out", "right")
 
 
 def cells(rows: list[DoorRow]) -> list[list[str]]:
@@ -633,7 +633,7 @@ def page(rows: list[DoorRow], command: str) -> str:
 
 
 def _table(rows: list[DoorRow]) -> list[str]:
-    lines = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
+    lines = ["| " + " | ".join(_HEAD) + " |", "|" + "---|" * len(_HEAD)]
     for row in cells(rows):
         row[1] = f"`{row[1]}`"
         lines.append("| " + " | ".join(x.replace("|", "\\|") for x in row) + " |")
@@ -646,5 +646,5 @@ def command(args: argparse.Namespace) -> Found:
     with tqdm(total=steps(), unit="source", disable=not sys.stderr.isatty()) as bar:
         rows = list(study(bar.update))
     terminal.write_page(args.report, page(rows, "hil bench doors"))
-    text = terminal.table(list(HEAD), cells(rows), (0, 1, 3, 4))
+    text = terminal.table(list(_HEAD), cells(rows), (0, 1, 3, 4))
     return text, {"doors": [terminal.finite(asdict(r)) for r in rows]}

@@ -23,13 +23,13 @@ import pinocchio as pin  # noqa: E402
 from figaroh.identification.base_identification import BaseIdentification  # noqa: E402
 
 IMPORT = time.perf_counter() - began
-SIGNALS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "torques": "tau"}
+_SIGNALS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "torques": "tau"}
 
 
 def load(path: Path) -> dict[str, Any]:
     """One run by FIGAROH's names."""
     with np.load(path) as data:
-        return {"timestamps": data["t"], **{k: data[v] for k, v in SIGNALS.items()}}
+        return {"timestamps": data["t"], **{k: data[v] for k, v in _SIGNALS.items()}}
 
 
 class Arm(BaseIdentification):  # type: ignore[misc]

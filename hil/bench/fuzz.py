@@ -32,7 +32,7 @@ from hil.errors import ConfigError, HilError, plural
 from hil.interrupt import held_back, with_its_parent
 
 #: Longest input [byte]; time for one input [s]; memory beyond what the program itself takes [byte].
-LONGEST, SLOW_S, MEMORY = 2**20, 20.0, 2**31
+LONGEST, SLOW_S, _MEMORY = 2**20, 20.0, 2**31
 #: Inputs that are kept to be mutated further.
 MOST_KEPT = 2000
 #: Every so often a worker says how far it is [s].
@@ -336,7 +336,7 @@ def _limit() -> None:
 
     with open("/proc/self/statm", "rb") as file:
         now = int(file.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (now + MEMORY, now + MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (now + _MEMORY, now + _MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
@@ -482,7 +482,7 @@ def page(found: Sequence[Sum], command: str, revisions: Sequence[str]) -> str:
         processors=os.cpu_count(),
         revisions=", ".join(revisions),
         slow=SLOW_S,
-        memory=MEMORY / 2**30,
+        memory=_MEMORY / 2**30,
         table="\n".join(f"| {' | '.join(r)} |" for r in rows),
         verdict=verdict(found),
     )

@@ -110,7 +110,7 @@ ARMS = {3: THREE, 7: SEVEN}
 #: White noise of the effort [N m]: what no model explains.
 _NOISE = 0.005
 #: The effect that is missing: share of Coulomb friction, and its speed [rad/s].
-PEAK, SPEED = 0.5, 0.15
+PEAK, _SPEED = 0.5, 0.15
 _RATE, _HARMONICS, _FUNDAMENTAL = 1000.0, 12, 0.1
 
 
@@ -158,7 +158,7 @@ def simulate(seconds: float, seed: int, stribeck: bool, arm: BenchArm = THREE) -
     tau = np.empty_like(q)
     for k in range(t.size):
         tau[k] = pin.rnea(model, data, q[k], qd[k], qdd[k])
-    friction = arm.fc * (1.0 + stribeck * PEAK * np.exp(-((qd / SPEED) ** 2)))
+    friction = arm.fc * (1.0 + stribeck * PEAK * np.exp(-((qd / _SPEED) ** 2)))
     tau += friction * np.sign(qd) + arm.fv * qd + arm.ia * qdd + arm.t0
     tau += _NOISE * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
     return Data(t, q, qd, qdd, tau)
@@ -467,7 +467,7 @@ def _length(folder: Path, seconds: float, stribeck: bool, arm: BenchArm = THREE)
 # ------------------------------------------------------------ tables and page
 
 COMMAND = "hil bench identify"
-TITLE = "# Speed of identification and diagnosis"
+_TITLE = "# Speed of identification and diagnosis"
 #: Most that a peer may take, in units of the reference, without and with the missing effect.
 GOALS = (
     ("hil.fit", False, 0.8),
@@ -570,7 +570,7 @@ def data(r: Report) -> dict[str, Any]:
 def page(r: Report) -> str:
     """Markdown page with the printed result."""
     return (
-        f"{TITLE}\n\n"
+        f"{_TITLE}\n\n"
         f"Printed by `{COMMAND} --figaroh PYTHON --report docs/bench/identify.md`, where\n"
         "PYTHON is an interpreter that has `figaroh` (the extra `bench`). It measures speed: the\n"
         "data come from the same rigid-body equations that are fitted.\n\n"
@@ -612,7 +612,7 @@ def is_page(path: Path) -> bool:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError):
         return False
-    return not text.strip() or text.startswith(TITLE)
+    return not text.strip() or text.startswith(_TITLE)
 
 
 def command(args: argparse.Namespace) -> Found:

@@ -462,7 +462,7 @@ def command(args: argparse.Namespace) -> Found:
 _CLOSED = "no page"
 #: Windows of the browser that a run has, by its name; the first is the reference, the second the
 #: same once more: how far two runs differ that differ in nothing.
-WINDOWS = {_CLOSED: 0, "no page, once more": 0, "page open": 1, "page open in two windows": 2}
+_WINDOWS = {_CLOSED: 0, "no page, once more": 0, "page open": 1, "page open in two windows": 2}
 #: What the page needs of the machine, and how long it may take to begin [s].
 _NEEDS = "needs playwright (hil-teleop[test]) and Chromium"
 _BEGIN_S = 60.0
@@ -478,7 +478,7 @@ def beside_page(seconds: float, windows: int) -> LoopRun:
     windows : int
         How many windows show the page; one of them commands.
     """
-    name = list(WINDOWS)[[*WINDOWS.values()].index(windows)]
+    name = list(_WINDOWS)[[*_WINDOWS.values()].index(windows)]
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if windows and (importlib.util.find_spec("playwright") is None or browser is None):
         return LoopRun(name, 0, 0, *(math.nan,) * 4, note=_NEEDS)
@@ -555,10 +555,10 @@ class PageRow:
 def beside_pages(
     seconds: float, turns: int, done: Callable[[], object] = lambda: None
 ) -> list[PageRow]:
-    """All runs of `WINDOWS`, in turns."""
-    found: dict[str, list[LoopRun]] = {name: [] for name in WINDOWS}
+    """All runs of `_WINDOWS`, in turns."""
+    found: dict[str, list[LoopRun]] = {name: [] for name in _WINDOWS}
     for _ in range(turns):
-        for name, windows in WINDOWS.items():
+        for name, windows in _WINDOWS.items():
             found[name].append(replace(beside_page(seconds, windows), name=name))
             done()
     return [page_row(same, found[_CLOSED]) for same in found.values()]
@@ -607,7 +607,7 @@ def page_command(args: argparse.Namespace) -> Found:
         raise ConfigError(
             f"--turns {args.turns} --seconds {args.seconds:g}: at least one turn of 1 s is needed"
         )
-    total = args.turns * len(WINDOWS)
+    total = args.turns * len(_WINDOWS)
     with tqdm(total=total, unit="run", disable=not sys.stderr.isatty()) as bar:
         found = beside_pages(args.seconds, args.turns, bar.update)
     table = terminal.table(list(PAGE_HEAD), page_rows(found))

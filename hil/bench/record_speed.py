@@ -43,7 +43,7 @@ class RecordSpeed:
     read_ratio: float
 
 
-def measure(seconds: float) -> RecordSpeed:
+def _measure(seconds: float) -> RecordSpeed:
     """Run the teleoperation rig for so long in lockstep, and read it back."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.mcap"
@@ -145,5 +145,5 @@ def table(m: RecordSpeed, d: Damage) -> str:
 
 def command(args: argparse.Namespace) -> Found:
     """What recording costs, and what a flipped bit or a cut file loses."""
-    found, lost = measure(args.seconds), damage()
+    found, lost = _measure(args.seconds), damage()
     return table(found, lost), {**asdict(found), "damage": asdict(lost)}

@@ -198,7 +198,7 @@ def steps(hours: float, starts: int) -> int:
     return int(seconds / min(60.0, seconds / 4)) + starts // _EVERY
 
 
-HEAD = ("minute", "memory MB", "late p50 us", "late p99 us")
+_HEAD = ("minute", "memory MB", "late p50 us", "late p99 us")
 
 
 def rows(found: Soak) -> list[list[str]]:
@@ -237,8 +237,8 @@ def verdict(found: Soak) -> str:
 def page(found: Soak, command: str) -> str:
     """Page for the documentation."""
     table = [
-        "| " + " | ".join(HEAD) + " |",
-        "|" + "---|" * len(HEAD),
+        "| " + " | ".join(_HEAD) + " |",
+        "|" + "---|" * len(_HEAD),
         *("| " + " | ".join(r) + " |" for r in rows(found)),
     ]
     title = [
@@ -265,5 +265,5 @@ def command(args: argparse.Namespace) -> Found:
         found = soak(args.hours, args.starts, bar.update)
     command = f"hil bench soak --hours {args.hours:g} --starts {args.starts}"
     terminal.write_page(args.report, page(found, command))
-    text = terminal.table(list(HEAD), rows(found))
+    text = terminal.table(list(_HEAD), rows(found))
     return f"{text}\n\n{verdict(found)}", as_dict(found)

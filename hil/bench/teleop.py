@@ -44,7 +44,7 @@ from hil.toml import parse
 from hil.userfile import write_text
 
 FloatArray = NDArray[np.float64]
-HZ, SETTLE, PERIODS, PERIOD = 1.0, 3.0, 3, 1e-3
+_HZ, SETTLE, PERIODS, _PERIOD = 1.0, 3.0, 3, 1e-3
 _UP, _GEL, _ABOVE = 0.008, 400.0, -0.02
 _HAND_SECONDS = 6.0
 
@@ -141,13 +141,13 @@ def config_of(
 
 def impedances(path: Path) -> tuple[complex, complex]:
     """f_m / v_m and f_s / v_s on the vertical axis at the motion's frequency [N s/m]."""
-    n, arm, found = round(PERIODS / HZ / PERIOD), Premium(()), []
-    tone = np.exp(-2j * np.pi * HZ * np.arange(n) * PERIOD)
+    n, arm, found = round(PERIODS / _HZ / _PERIOD), Premium(()), []
+    tone = np.exp(-2j * np.pi * _HZ * np.arange(n) * _PERIOD)
     for name, sign in (("leader", 1.0), ("follower", -1.0)):
         r = load(path, name)
         if r.wrench is None:
             raise RuntimeError("a session of this rig has forces")
-        speed = np.gradient(arm.tip(r.q)[:, 2], PERIOD)[-n:]
+        speed = np.gradient(arm.tip(r.q)[:, 2], _PERIOD)[-n:]
         found.append(complex(tone @ (sign * r.wrench[-n:, 2])) / complex(tone @ speed))
     return found[0], found[1]
 
@@ -158,17 +158,17 @@ def row(
     """Three sessions of a law over a channel."""
     way = {"delay": link.delay, "jitter": link.jitter, "loss": link.loss}
     given = {**parameters, "forward": way, "backward": way, "seed": seed}
-    machine = {"kind": "mechanical", "frequency": HZ, "size": [0.0, 0.0, _UP], "onset": 1.0}
+    machine = {"kind": "mechanical", "frequency": _HZ, "size": [0.0, 0.0, _UP], "onset": 1.0}
     path, z = folder / "run.mcap", []
     try:
         for gel in (None, _GEL):
             config = config_of(controller, given, machine, gel)
-            runner.run(config, SETTLE + PERIODS / HZ, seed, "lockstep", path).enabled()
+            runner.run(config, SETTLE + PERIODS / _HZ, seed, "lockstep", path).enabled()
             z.append(impedances(path))
     except (ConfigError, DeviceError, HilError) as error:
         return DelayRow(law, link.name, why=_short(error))
     (free, _), (felt, there) = z
-    w = 2 * np.pi * HZ
+    w = 2 * np.pi * _HZ
     return DelayRow(
         law,
         link.name,
@@ -263,11 +263,11 @@ def _pressed(stiffness: float, damping: float, path: Path, seed: int) -> str:
 def ringing(path: Path) -> tuple[float, float]:
     """Largest fast speed (rms) of the leader's tip up and down [m/s], and its tone [Hz]."""
     place = Premium(()).tip(load(path, "leader").q)[:, 2]
-    high = signal.butter(4, _FAST_HZ, "high", fs=1.0 / PERIOD, output="sos")
-    fast = signal.sosfiltfilt(high, np.gradient(place, PERIOD))[100:-100]
+    high = signal.butter(4, _FAST_HZ, "high", fs=1.0 / _PERIOD, output="sos")
+    fast = signal.sosfiltfilt(high, np.gradient(place, _PERIOD))[100:-100]
     rms = np.sqrt(np.convolve(fast**2, np.full(_WINDOW, 1.0 / _WINDOW), "valid"))
     worst = fast[rms.argmax() : rms.argmax() + _WINDOW] * np.hanning(_WINDOW)
-    tone = np.abs(np.fft.rfft(worst)).argmax() / (_WINDOW * PERIOD)
+    tone = np.abs(np.fft.rfft(worst)).argmax() / (_WINDOW * _PERIOD)
     return float(rms.max()), float(tone)
 
 
@@ -302,11 +302,11 @@ def wall_limits() -> list[WallLimit]:
     loop = dataclasses.replace(axis, design=alone, environments=(hybrid.FREE,))
     quick = dataclasses.replace(loop.real, velocity_hz=0.0)
     changed = (
-        ("the rig as it is", loop, PERIOD),
-        ("rigid in place of the cables", dataclasses.replace(loop, cable=None), PERIOD),
-        ("a period of 0.25 ms", loop, PERIOD / 4),
-        ("damping from speeds without a filter", dataclasses.replace(loop, real=quick), PERIOD),
-        ("no friction in the arm", dataclasses.replace(loop, friction=(0.0, 0.0)), PERIOD),
+        ("the rig as it is", loop, _PERIOD),
+        ("rigid in place of the cables", dataclasses.replace(loop, cable=None), _PERIOD),
+        ("a period of 0.25 ms", loop, _PERIOD / 4),
+        ("damping from speeds without a filter", dataclasses.replace(loop, real=quick), _PERIOD),
+        ("no friction in the arm", dataclasses.replace(loop, friction=(0.0, 0.0)), _PERIOD),
     )
     return [WallLimit(what, *_limit(one, period)) for what, one, period in changed]
 
@@ -466,7 +466,7 @@ def steps(quick: bool) -> int:
     return len(LAWS) * (3 if quick else len(LINKS)) + 2
 
 
-HEAD = ("law", "one way", "drag [N s/m]", "felt [N/m]", "there [N/m]", "share", "by hand")
+_HEAD = ("law", "one way", "drag [N s/m]", "felt [N/m]", "there [N/m]", "share", "by hand")
 WALL_HEAD = ("damping [N s/m]", "stiffest calm wall [N/m]", "next [N/m]", "what happens there")
 
 
@@ -550,7 +550,7 @@ def page(found: TeleopStudy, command: str, stem: str = "teleop") -> str:
             *(f"![{title}]({stem}-{name}.svg)\n" for name, title, _ in FIGURES),
             "In the figures a line ends where a law is refused; a share below 0 is drawn as 0.",
             "",
-            *table(HEAD, cells(found.laws)),
+            *table(_HEAD, cells(found.laws)),
             "",
             "## Walls",
             "",
@@ -599,7 +599,7 @@ def command(args: argparse.Namespace) -> Found:
         for name, figure in figures(found.laws).items():
             write_text(place.with_name(f"{place.stem}-{name}.svg"), figure)
     tables = (
-        (HEAD, cells(found.laws)),
+        (_HEAD, cells(found.laws)),
         (WALL_HEAD, wall_cells(found.walls)),
         (LIMIT_HEAD, limit_cells(found.limits)),
         (FIXTURE_HEAD, fixture_cells(found.fixtures)),

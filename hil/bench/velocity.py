@@ -20,12 +20,12 @@ from hil.signals.device import FloatArray
 from hil.signals.velocity import FilteredAcceleration, estimator
 from hil.terminal import Found
 
-PERIOD = 1e-3
+_PERIOD = 1e-3
 #: Joint 1: 4096 counts a motor turn, gear 13.3 [rad].
 _RESOLUTION = 2 * pi / 4096 / 13.3
-SECONDS, _SETTLE = 5.0, 0.5
+_SECONDS, _SETTLE = 5.0, 0.5
 #: Name in the table, registry name, options.
-CASES: tuple[tuple[str, str, dict[str, object]], ...] = (
+_CASES: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("first difference", "first-difference", {}),
     ("filtered difference, 30 Hz", "filtered-difference", {"cutoff_hz": 30.0}),
     ("filtered difference, 100 Hz", "filtered-difference", {"cutoff_hz": 100.0}),
@@ -102,7 +102,7 @@ def acceleration(sines: Sines, t: FloatArray) -> FloatArray:
 
 def times() -> FloatArray:
     """Sample times of a comparison [s]."""
-    return np.asarray(np.arange(round(SECONDS / PERIOD)) * PERIOD, np.float64)
+    return np.asarray(np.arange(round(_SECONDS / _PERIOD)) * _PERIOD, np.float64)
 
 
 def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[VelocityRow]:
@@ -112,7 +112,7 @@ def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[VelocityRow]:
         sines = MOTIONS[motion]
         t = times()
         counts = np.floor(position(sines, t) / _RESOLUTION).astype(np.int64)
-        for label, name, options in CASES:
+        for label, name, options in _CASES:
             estimate = _follow(name, options, counts)
             rows.append(judge(label, motion, t, estimate, partial(velocity, sines)))
     return rows
@@ -128,7 +128,7 @@ def _compare_acceleration() -> list[VelocityRow]:
         for label, name in _SOURCES:
             speed = _follow(name, {}, counts)
             for cutoff in _CUTOFFS:
-                method, out = FilteredAcceleration(1, PERIOD, cutoff), np.zeros(1)
+                method, out = FilteredAcceleration(1, _PERIOD, cutoff), np.zeros(1)
                 found = np.zeros(len(t))
                 for k in range(len(t)):
                     method.update(speed[k : k + 1], 1, out)
@@ -143,13 +143,13 @@ def _compare_acceleration() -> list[VelocityRow]:
 
 def _follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatArray:
     """Speeds [rad/s] that an estimator finds along counts (n,)."""
-    method, rate = estimator(name, options, 1, PERIOD), np.zeros(1)
+    method, rate = estimator(name, options, 1, _PERIOD), np.zeros(1)
     found = np.zeros(len(counts))
     method.reset(counts[:1])
     for k in range(1, len(counts)):
         method.update(counts[k : k + 1], 1, rate)
         found[k] = rate[0]
-    return found * _RESOLUTION / PERIOD
+    return found * _RESOLUTION / _PERIOD
 
 
 def judge(
@@ -166,7 +166,7 @@ def judge(
     delays = np.arange(0.0, 25e-3, 0.1e-3)
     left = np.array([np.sqrt(np.mean((found - truth(t - d)) ** 2)) for d in delays])
     k = int(np.argmin(left))
-    slope = float(np.sqrt(np.mean(np.gradient(truth(t), PERIOD) ** 2)))
+    slope = float(np.sqrt(np.mean(np.gradient(truth(t), _PERIOD) ** 2)))
     # noise of neighbouring estimates is common over about ten of them
     spread = left[k] / slope / np.sqrt(len(t) / 10)
     delay = 1e3 * float(delays[k]) if spread < 1e-3 else float("nan")
@@ -224,7 +224,7 @@ def table(rows: list[VelocityRow], digits: int) -> list[str]:
 
 def cost_ns(name: str, options: dict[str, object], ticks: int = 20_000) -> float:
     """Time of one update of three channels on this machine, median of five runs [ns]."""
-    method, rate = estimator(name, options, 3, PERIOD), np.zeros(3)
+    method, rate = estimator(name, options, 3, _PERIOD), np.zeros(3)
     counts = (np.outer(np.arange(ticks), [1.3, 0.2, 5.7])).astype(np.int64)
     runs = []
     for _ in range(5):
@@ -240,7 +240,7 @@ def command(args: argparse.Namespace) -> Found:
     terminal.check_page(args.report)
     text = report()
     terminal.write_page(args.report, text)
-    rows = [[label, f"{cost_ns(name, options):.0f}"] for label, name, options in CASES]
+    rows = [[label, f"{cost_ns(name, options):.0f}"] for label, name, options in _CASES]
     cost = terminal.table(["estimator", "ns"], rows)
     data = {
         "rows": [

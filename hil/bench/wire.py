@@ -32,10 +32,10 @@ from hil.signals.frame import FrameLayout
 from hil.terminal import Found
 
 #: Ticks that are measured, after as many that are not; length of a lockstep session [s].
-_TICKS, _WARM_UP, SECONDS = 5000, 500, 20.0
+_TICKS, _WARM_UP, _SECONDS = 5000, 500, 20.0
 #: Longest tick at the 99th percentile [us], and least speeds [times real time].
 TICK_US = 250.0
-SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
+_SPEEDS = {"sim": 20.0, "sim-wire": 5.0}
 #: After so many ticks the processor is left to others for a while [s]: ticks here do not wait for
 #: each other, and the operating system takes the real-time class from who never rests.
 _BREATH, _REST_S = 1000, 0.02
@@ -218,7 +218,7 @@ def session(rig_name: str = "teleop", seconds: float = _REAL_S) -> Cost:
     return Cost(SESSION, float(np.median(busy)), float(np.percentile(busy, 99)))
 
 
-def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> Speed:
+def speed(backend: str, rig_name: str = "teleop", seconds: float = _SECONDS) -> Speed:
     """Speed of a whole session, opening and recording included, compiled code loaded before."""
     config = load_rig(rig_path(rig_name), {"backend": backend, "loop": {"clock": "lockstep"}})
     with tempfile.TemporaryDirectory() as folder:
@@ -234,7 +234,7 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = SECONDS) -> S
 def command(args: argparse.Namespace) -> Found:
     """Microseconds a tick of every driver on its simulated wire; speed of lockstep sessions."""
     ticks = [*costs(), session()]
-    speeds = [speed(backend) for backend in SPEEDS]
+    speeds = [speed(backend) for backend in _SPEEDS]
     rows = [[c.name, f"{c.median:.1f}", f"{c.p99:.1f}"] for c in ticks]
     whole, real = ticks[-2].p99, ticks[-1].p99
     text = terminal.table(["a tick of rigs/teleop.toml, sim-wire", "median us", "p99 us"], rows)
@@ -249,17 +249,17 @@ def command(args: argparse.Namespace) -> Found:
             s.backend,
             f"{s.wall:.1f}",
             f"{s.cpu:.1f}",
-            f"{SPEEDS[s.backend]:g}",
-            _met(s.wall >= SPEEDS[s.backend]),
+            f"{_SPEEDS[s.backend]:g}",
+            _met(s.wall >= _SPEEDS[s.backend]),
         ]
         for s in speeds
     ]
-    head = [f"lockstep, {SECONDS:g} s", "x real time", "x processor time", "wanted", ""]
+    head = [f"lockstep, {_SECONDS:g} s", "x real time", "x processor time", "wanted", ""]
     data = {
         "costs": [vars(c) for c in ticks],
         "speeds": [vars(s) for s in speeds],
         "tick_us_wanted": TICK_US,
-        "speeds_wanted": SPEEDS,
+        "speeds_wanted": _SPEEDS,
     }
     return text + terminal.table(head, rows), data
 

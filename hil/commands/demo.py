@@ -25,7 +25,7 @@ from hil.rigs import rig_path
 
 EXAMPLE = "hil demo --seed 7 -o out/demo"
 SESSIONS = ("first.mcap", "second.mcap", "heldout.mcap")
-MODEL, REPORT = "improved.toml", "report.html"
+_MODEL, _REPORT = "improved.toml", "report.html"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -67,17 +67,17 @@ def run(args: argparse.Namespace) -> int:
     files = Files(tuple(names[:2]), tuple(names[2:]), "", "follower")
     d.warnings = [(code, with_files(said, files)) for code, said in d.warnings]
     say(short(d, verbs.ladder(d), files))
-    common.save_model(d.model, folder / MODEL)
-    with outputs.writing(folder / REPORT):
-        diagnosis_report(d, folder / REPORT, files)
+    common.save_model(d.model, folder / _MODEL)
+    with outputs.writing(folder / _REPORT):
+        diagnosis_report(d, folder / _REPORT, files)
     return _end(args, d, f"{effect} on {joint}", folder, time.perf_counter() - began)
 
 
 def _check(folder: Path) -> None:
     """Make the folder; refuse what cannot be written, and what is not an earlier demo's."""
     outputs.make_folder(folder)
-    outputs.check(folder / MODEL, ".toml", (), outputs.is_model, "a model file")
-    outputs.check(folder / REPORT, ".html", (), outputs.is_report, "a report of hil")
+    outputs.check(folder / _MODEL, ".toml", (), outputs.is_model, "a model file")
+    outputs.check(folder / _REPORT, ".html", (), outputs.is_report, "a report of hil")
     for name in SESSIONS:
         outputs.check(folder / name, ".mcap")
 
@@ -102,7 +102,7 @@ def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, secon
     terminal.out(
         f"\n3. What was hidden: {truth}. {'Named right.' if right else 'Not what was named.'}\n"
         f"   held-out error of that joint: {ratio[0]:.2f} -> {ratio[-1]:.2f} times its floor\n"
-        f"\n   report          {folder / REPORT}"
-        f"\n   improved model  {folder / MODEL}\n   {seconds:.0f} s"
+        f"\n   report          {folder / _REPORT}"
+        f"\n   improved model  {folder / _MODEL}\n   {seconds:.0f} s"
     )
     return 0

@@ -35,7 +35,7 @@ from hil.teleop.summary import DesignSummary, summarise
 from hil.toml import parse
 from hil.userfile import read_text, write_text
 
-TITLE = "Design of a teleoperation controller"
+_TITLE = "Design of a teleoperation controller"
 #: Figure of merit -> format, unit and what it should be.
 ROWS = (
     ("sensitivity", "dz_t/dz_e / (kp kf), rms 0.2-5 Hz", "1 = transparent"),
@@ -57,7 +57,7 @@ MARGINS = (
     ("delay_s", "round-trip delay margin [s]", "above the channel's delay"),
 )
 #: Which rows decide; see `hil.teleop.sampled_loop`.
-DECIDES = (
+_DECIDES = (
     "conditions: gains that can be realised, and the sampled eigenvalue with every declared "
     "operator and environment;\n  the other rows are goals and may be missed"
 )
@@ -69,7 +69,7 @@ def text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
     lines = [f"design {found[0].name}", "", terminal.table(head, gains(loops)), ""]
     lines.append(terminal.table([*head, "goal"], merits(found)))
     told = missed(found)
-    lines += ["", f"  {DECIDES}", "  transparent: " + ("yes" if not told else "no")]
+    lines += ["", f"  {_DECIDES}", "  transparent: " + ("yes" if not told else "no")]
     lines += [f"    {m}" for m in told]
     lines.append(f"  decisive pair: {found[0].margins.pair}")
     lines.append(f"  REFUSED: {trouble}" if trouble else "  may run: both conditions are met")
@@ -158,12 +158,12 @@ def page(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
             f"Axis {axes[0].axis}: stability circles, reference 20 N s/m.",
         ),
     )
-    body = f"<h1>{TITLE}</h1>" + _verdict(found, trouble)
+    body = f"<h1>{_TITLE}</h1>" + _verdict(found, trouble)
     body += html.section("Gains", html.table(head, gains(loops)))
     body += html.section("Figures of merit", html.table([*head, "goal"], merits(found)))
     body += html.section("Plots", *(embed(f, name, said) for f, name, said in figures))
     body += html.section("Provenance", html.table(["", ""], written_by(), (0, 1)))
-    return html.document(TITLE, body)
+    return html.document(_TITLE, body)
 
 
 def _verdict(found: Sequence[DesignSummary], trouble: str) -> str:
@@ -200,9 +200,9 @@ EXAMPLE = (
     "hil design lawrence --design position-force --set stiffness=200 -o own.toml\n"
     "  hil run own.toml -o s.mcap"
 )
-REPORT = "design"
+_REPORT = "design"
 #: The law, its schemes by what `--design` calls them, and what each of them costs.
-DELAYED = "delayed"
+_DELAYED = "delayed"
 SCHEMES: Mapping[str, str] = {
     "passivity": "half of the stiffness even without delay, a third at 30 ms, a tenth at 300 ms",
     "waves": "soft beyond 10 ms: the stiffness felt is about `wave` over the delay",
@@ -289,7 +289,7 @@ def run(args: argparse.Namespace) -> int:
                 f"c1..c8 are of arms of three. {' and '.join(COUPLINGS)}, of two arms of their "
                 "own URDFs, are judged as the rig file has them, without --design"
             )
-    if over_delay or (args.design is None and config.controller.name == DELAYED):
+    if over_delay or (args.design is None and config.controller.name == _DELAYED):
         return _judge_delayed(args, config, rig_designs.settings(args.set, NUMBERS))
     settings = rig_designs.settings(args.set)
     parameters, notes = _parameters(args, config, settings)
@@ -409,17 +409,17 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
     for word in ("fsf", "model", "report"):
         if getattr(args, word):
             raise ConfigError(
-                f"--{word} means nothing for the law {DELAYED}, which has no c1..c8 and no fitted "
+                f"--{word} means nothing for the law {_DELAYED}, which has no c1..c8 and no fitted "
                 "model; leave it out, or choose a design with c1..c8"
             )
-    delayed = registry.load("hil.controllers", DELAYED)
-    own = config.controller.name == DELAYED
+    delayed = registry.load("hil.controllers", _DELAYED)
+    own = config.controller.name == _DELAYED
     given: dict[str, Any] = session.plain(config.controller.parameters) if own else {}
     if config.controller.name == "lawrence":
         given = _scaled(args, session.plain(config.controller.parameters))
     given |= {"scheme": args.design} if args.design else {}
     given |= {k: int(v) if k == "seed" else v for k, v in settings.items()}
-    controller = dataclasses.replace(config.controller, name=DELAYED, parameters=given)
+    controller = dataclasses.replace(config.controller, name=_DELAYED, parameters=given)
     made = dataclasses.replace(config, controller=controller)
     law = parse(delayed.Config, given, "controller.parameters")
     trouble = ""
@@ -429,7 +429,7 @@ def _judge_delayed(args: argparse.Namespace, config: RigConfig, settings: Mappin
         trouble = str(error)
     period = config.loop.period_ns * 1e-9
     if args.json:
-        told: dict[str, Any] = {"law": DELAYED, "scheme": law.scheme, "parameters": given}
+        told: dict[str, Any] = {"law": _DELAYED, "scheme": law.scheme, "parameters": given}
         told |= {"refused": trouble, "borne": delayed.borne(period)}
         told |= {"ringing": delayed.ringing(law, period)}
         terminal.emit({"schema": "hil.design/1", **told, "asked": delayed.asked(law, period)})
@@ -474,7 +474,7 @@ def delayed_text(
     ]
     return "\n".join(
         [
-            f"law {DELAYED}, scheme {law.scheme}; {'; '.join(ways)}",
+            f"law {_DELAYED}, scheme {law.scheme}; {'; '.join(ways)}",
             "",
             terminal.table(["spring and damper", "K T + 2 B [N s/m]"], rows),
             f"  each must be below {most:.3g} N s/m; with more, a rotor swings against its cable",
@@ -636,4 +636,4 @@ def _is_rig(path: Path) -> bool:
 def _is_report(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(4096).decode("utf-8", "replace")
-    return not head.strip() or TITLE in head
+    return not head.strip() or _TITLE in head

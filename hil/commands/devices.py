@@ -63,13 +63,13 @@ def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
     for one in found:
         yield row(one.address or "-", name, module.BUS, "yes" if one.usable else "no", one.what)
     if not found:
-        yield row("-", name, module.BUS, "none", NOTHING.format(bus=module.BUS))
+        yield row("-", name, module.BUS, "none", _NOTHING.format(bus=module.BUS))
 
 
 #: What a box whose library is missing needs.
 EXTRA = "pip install 'hil-teleop[hardware]' brings the libraries of the buses"
 UNLISTED = "{bus} does not list what is on it; 'hil devices RIG.toml' asks for those of a rig"
-NOTHING = (
+_NOTHING = (
     "none is attached, as far as {bus} shows; plug it in, and if this machine is virtual, hand "
     "the device through to it"
 )

@@ -59,7 +59,7 @@ from hil.report.text import (
 
 #: Periods that a range must hold for a wave to be told as one.  Half: a slope over half the range
 #: is a "period" that nobody saw; double: a ripple of one and a half turns is told as a change.
-PERIODS = 0.8
+_PERIODS = 0.8
 #: Share of the best determined coefficient's standard errors from which another one, in another
 #: unit, may stand for an effect.  Double: dry friction that warms is told by its viscous part;
 #: half: two coupled motors by an inertia of 2.5 standard errors beside a friction of fifty.
@@ -363,7 +363,7 @@ def _change(f: Finding, problem: Problem | None) -> str:
     own = problem.joints.index(f.joint)
     k = own if place == "q" else int(values[JOINT]) - 1
     low, high = map(float, problem.span[k])
-    if isinstance(kind.search, Waves) and values["p"] * (high - low) >= PERIODS:
+    if isinstance(kind.search, Waves) and values["p"] * (high - low) >= _PERIODS:
         return ""
     x = np.linspace(low, high, 201)
     y = _effort(kind, {**values, place: x, "v0": 1e-9, "low": low, "high": high})

@@ -91,11 +91,11 @@ from hil.work import single_threaded
 RESOLUTION = 1e-4
 FloatArray = NDArray[np.float64]
 #: Fundamental period [s] and highest frequency [Hz].
-PERIOD, HIGHEST = 10.0, 1.2
+_PERIOD, _HIGHEST = 10.0, 1.2
 #: Instants a period, random starts, and evaluations of J for closed-form and URDF robots.
-INSTANTS, STARTS, BUDGET, BUDGET_URDF = 160, 40, 6000, 3000
+_INSTANTS, _STARTS, _BUDGET, _BUDGET_URDF = 160, 40, 6000, 3000
 #: Joints of two arms of seven; the time of the search grows with about the third power.
-MOST_JOINTS = 14
+_MOST_JOINTS = 14
 
 
 @dataclass(frozen=True)
@@ -146,15 +146,15 @@ class Identifying:
     columns: int
 
 
-def optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
+def _optimise(model: RobotModel, stage: Stage, seed: int = 0) -> Identifying:
     """Best motion of several random starts, each refined by L-BFGS-B."""
     design = _design(model, stage)
     rng = np.random.default_rng(seed)
-    d, h = stage.space.center.size, int(HIGHEST * PERIOD)
+    d, h = stage.space.center.size, int(_HIGHEST * _PERIOD)
     low = 1.0 / np.sqrt(np.arange(1, h + 1))[None, :, None]
-    starts = [rng.normal(size=(d, h, 2)) * low for _ in range(STARTS)]
+    starts = [rng.normal(size=(d, h, 2)) * low for _ in range(_STARTS)]
     starts.sort(key=lambda c: cost(c, design))
-    budget = BUDGET_URDF if stage.source.urdf else BUDGET
+    budget = _BUDGET_URDF if stage.source.urdf else _BUDGET
     tried = [_refined(c, design, budget // 2, k / 2) for k, c in enumerate(starts[:2])]
     best = min(tried, key=lambda c: cost(c, design))
     motion = shaped(best, stage.space, "identify")
@@ -193,10 +193,10 @@ def cost(c: FloatArray, design: FourierDesign) -> float:
 
 def shaped(c: FloatArray, space: Space, name: str) -> Trajectory:
     """Motion of raw coefficients, scaled to fill the common range within the speed limits."""
-    t = np.arange(INSTANTS) * (PERIOD / INSTANTS)
+    t = np.arange(_INSTANTS) * (_PERIOD / _INSTANTS)
     k = np.arange(1, c.shape[1] + 1)
-    angle = 2 * np.pi / PERIOD * np.outer(t, k)
-    s, o, w = np.sin(angle), np.cos(angle), 2 * np.pi / PERIOD * k[:, None]
+    angle = 2 * np.pi / _PERIOD * np.outer(t, k)
+    s, o, w = np.sin(angle), np.cos(angle), 2 * np.pi / _PERIOD * k[:, None]
     place = s @ c[..., 0].T + o @ c[..., 1].T
     rate = o @ (w * c[..., 0].T) - s @ (w * c[..., 1].T)
     # 2 % for what happens between the instants
@@ -210,8 +210,8 @@ def shaped(c: FloatArray, space: Space, name: str) -> Trajectory:
     return Trajectory(
         tuple(robot.joints),
         tuple(robot.units),
-        PERIOD,
-        np.array([0.0, PERIOD]),
+        _PERIOD,
+        np.array([0.0, _PERIOD]),
         np.stack([middle, middle]),
         np.ones(2),
         scale[:, None, None] * c,
@@ -246,11 +246,11 @@ def _design(model: RobotModel, stage: Stage) -> FourierDesign:
 
 def regressor(x: Trajectory, design: FourierDesign) -> FloatArray:
     """Weighted columns of the design on one period, shape (n d, p)."""
-    q, qd, qdd = sample(x, grid(x, INSTANTS / PERIOD))
+    q, qd, qdd = sample(x, grid(x, _INSTANTS / _PERIOD))
     n, d = q.shape
     nothing = np.zeros_like(q)
     motion = design.frame.with_(
-        t=np.arange(n) * (PERIOD / n),
+        t=np.arange(n) * (_PERIOD / n),
         q=q,
         qd=qd,
         qdd=qdd,
@@ -315,9 +315,9 @@ def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
 
 def _refuse_many(joints: int, where: str) -> None:
     """Refuse a robot whose motion would take hours."""
-    if joints > MOST_JOINTS:
+    if joints > _MOST_JOINTS:
         raise ConfigError(
-            f"{where} has {joints} moving joints; a motion is planned for at most {MOST_JOINTS}. "
+            f"{where} has {joints} moving joints; a motion is planned for at most {_MOST_JOINTS}. "
             "Give a URDF of one arm, with the type fixed for the joints that are to rest"
         )
 
@@ -419,7 +419,7 @@ def _table(args: argparse.Namespace, p: Played) -> dict[str, Any]:
 
 def _seconds(args: argparse.Namespace) -> float:
     """Length that the motion should have [s]."""
-    return float(SECONDS if args.seconds is None else args.seconds)
+    return float(_SECONDS if args.seconds is None else args.seconds)
 
 
 def length(args: argparse.Namespace, motion: Trajectory) -> str:
@@ -447,7 +447,7 @@ def menu_table(found: Choice) -> str:
     return terminal.table(["menu", "log odds", "cannot be imitated"], rows)
 
 
-def assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> str:
+def _assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> str:
     """What the menu takes for granted of what was not measured; units of the joints."""
     fitted = [r for r in question.rivals if r.name in model.names()]
     guessed = [r for r in question.rivals if r.name not in model.names()]
@@ -530,9 +530,9 @@ EXAMPLE = (
     "  hil run identify --trajectory next.toml -o next.mcap"
 )
 #: Rows a second of the table that --csv writes [Hz].
-RATE = 1000.0
+_RATE = 1000.0
 #: Length of a motion where none is asked for [s].
-SECONDS = 30.0
+_SECONDS = 30.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -562,7 +562,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--csv",
         metavar="TABLE.csv",
         help="also write the motion as a table for a rig of your own: t, q1.., qd1.., qdd1.., SI, "
-        f"a header, {RATE:g} rows a second, from rest to rest; an older table there is replaced",
+        f"a header, {_RATE:g} rows a second, from rest to rest; an older table there is replaced",
     )
     parser.add_argument("--model", metavar="M.toml", help="model file; default: the base model")
     parser.add_argument("--arm", help="arm of the rig; default: the first one that moves")
@@ -573,7 +573,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds",
         type=float,
-        help=f"length [s] (default {SECONDS:g}); what needs longer at the speeds allowed takes it",
+        help=f"length [s] (default {_SECONDS:g}); what needs longer at the speeds allowed takes it",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")
@@ -610,7 +610,7 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     if args.motion or args.joint:
         raise ConfigError("--motion and --joint need --for EFFECT; without it all joints move")
     work.at("seek the motion", 0.0)
-    found = optimise(model, stage, args.seed)
+    found = _optimise(model, stage, args.seed)
     motion, margins = foreseen(found.motion, stage, model)
     rows = _write(args, motion, stage, "identifies the model")
     if args.json:
@@ -664,7 +664,7 @@ def _separate(
     about = choose.describe(motion.name, joints)
     terminal.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {about}\n"
-        f"  for {_versus(names)}\n{assumed(asked, tuple(stage.space.robot.units), model)}\n"
+        f"  for {_versus(names)}\n{_assumed(asked, tuple(stage.space.robot.units), model)}\n"
         f"{length(args, motion)}\n"
         f"{menu_table(found)}\n\n"
         f"{limits(best.margins, stage.space)}\n\n{play(args, rows)}"
@@ -721,7 +721,7 @@ def _write(args: argparse.Namespace, motion: Trajectory, stage: Stage, what: str
         trajectory.write(motion, args.output, f"Written by 'hil excite'; {what}.")
     if not args.csv:
         return None
-    rows = trajectory.played(motion, _seconds(args), RATE, stage.space.limits.speed)
+    rows = trajectory.played(motion, _seconds(args), _RATE, stage.space.limits.speed)
     with outputs.writing(args.csv):
         trajectory.write_csv(rows, args.csv)
     return rows

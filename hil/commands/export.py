@@ -33,8 +33,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--to",
         required=True,
         metavar="TARGET",
-        choices=[*target.names(), TABLE],
-        help=f"{_told()}; {TABLE}: the samples of a session as a table, one per arm",
+        choices=[*target.names(), _TABLE],
+        help=f"{_told()}; {_TABLE}: the samples of a session as a table, one per arm",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="write it here")
     parser.add_argument(
@@ -64,7 +64,7 @@ def _told() -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Refit, write, and print errors before and after and what is lost; or write a table."""
-    if args.to == TABLE:
+    if args.to == _TABLE:
         return _tables(args)
     if args.model.lower().endswith(".mcap"):
         raise ConfigError(f"--to {args.to} takes a model, and {args.model} is a session; --to csv")
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 #: The target that takes a session.
-TABLE = "csv"
+_TABLE = "csv"
 
 
 def _tables(args: argparse.Namespace) -> int:
@@ -112,7 +112,7 @@ def _tables(args: argparse.Namespace) -> int:
     names = [args.arm] if args.arm or is_bag(source) else list(arms(source))
     made = {n: place if len(names) == 1 else place.with_stem(f"{place.stem}-{n}") for n in names}
     for path in made.values():
-        outputs.check(path, f".{TABLE}", [source], _ours, "an export of hil")
+        outputs.check(path, f".{_TABLE}", [source], _ours, "an export of hil")
     for name, path in made.items():
         (run,), _ = load_sources([source], [], name, common.bag_choice(args))
         with outputs.writing(path), path.open("w", encoding="utf-8", newline="") as file:

@@ -63,7 +63,7 @@ ENDED_PAUSED = 4
 #: How long a session stays PAUSED that nobody can command any more, before it ends [s].
 LEFT_ALONE = 5.0
 #: A short trajectory is repeated to fill about this time [s].
-MEASURED = 30.0
+_MEASURED = 30.0
 _SHARES = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("most", "most"))
 
 
@@ -267,7 +267,7 @@ def _played(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "controller": {"parameters": {"trajectory": args.trajectory}},
         # a second before it to go to its start
-        "loop": {"seconds": period * max(1, round(MEASURED / period)) + 1.0},
+        "loop": {"seconds": period * max(1, round(_MEASURED / period)) + 1.0},
     }
 
 

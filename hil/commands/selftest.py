@@ -32,11 +32,11 @@ from hil.signals.device import Device, FloatArray, Status
 # the motor's alone, whatever gravity and a supporting hand do to both.
 
 #: Torques that may be asked for [N m].
-SMALLEST, LARGEST, USUAL = 0.02, 0.2, 0.1
+_SMALLEST, _LARGEST, _USUAL = 0.02, 0.2, 0.1
 #: Ticks of a pulse, of the rest before it, and of watching without power.
-PULSE, REST, WATCH = 25, 100, 500
+_PULSE, _REST, _WATCH = 25, 100, 500
 #: Least change of speed [rad/s]; largest rest of counts and of force [N] without power.
-MOVES, STILL_COUNTS, STILL_FORCE = 0.03, 4, 1.0
+_MOVES, _STILL_COUNTS, _STILL_FORCE = 0.03, 4, 1.0
 #: Share of a pulse by which what a device says it sends may miss what it was asked.
 AGREES = 0.1
 #: Largest change of speed by a pulse, by its torque [rad/s/(N m)]: PHANTOMs have 1 to 12.
@@ -48,7 +48,7 @@ UNDRIVEN = (
     "at the emergency stop"
 )
 #: Largest rest of drives that measure finer than an encoder [rad or m].
-STILL = 1e-3
+_STILL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ def selftest(
     DeviceError
         If the rig cannot be opened, or a box or the watchdog is lost on the way.
     """
-    if not SMALLEST <= torque <= LARGEST:
-        raise ConfigError(f"--torque {torque:g}: {SMALLEST} to {LARGEST} N m is needed.")
+    if not _SMALLEST <= torque <= _LARGEST:
+        raise ConfigError(f"--torque {torque:g}: {_SMALLEST} to {_LARGEST} N m is needed.")
     passed, found = True, guard.standing(config.safety, source, rearm)
     if found is not None:
         passed, text = found
@@ -180,7 +180,7 @@ class _Bench:
 
     def _compare(self, i: int, wanted: FloatArray) -> None:
         """Stop where the device of arm i sends something else than it was asked."""
-        most = AGREES * max(float(np.abs(wanted).max()), SMALLEST)
+        most = AGREES * max(float(np.abs(wanted).max()), _SMALLEST)
         wrong = np.flatnonzero(~(np.abs(self.sent - wanted) <= most))
         if wrong.size:
             k, arm = int(wrong[0]), list(self.arms)[i]
@@ -193,7 +193,7 @@ class _Bench:
     def without_power(self) -> Iterator[TestStep]:
         """Everything is read for a while; nothing may move or be pressed."""
         counts, force, worst = [], [], Status.OK
-        for _ in range(WATCH):
+        for _ in range(_WATCH):
             worst = max(worst, self.step())
             counts.append(np.stack([p.counts for p in self.arms.values()]))
             force.append(self.wrench[:, :3].copy())
@@ -204,21 +204,21 @@ class _Bench:
         moved, noise = np.ptp(counts, axis=0), np.std(force, axis=0)
         for i, (arm, port) in enumerate(self.arms.items()):
             most, scales = int(moved[i].max()), getattr(port.joints, "scales", None)
-            fine = 0.0 if scales is None else STILL / scales[:, 0]
-            still = bool(np.all(moved[i] <= np.maximum(STILL_COUNTS, fine)))
+            fine = 0.0 if scales is None else _STILL / scales[:, 0]
+            still = bool(np.all(moved[i] <= np.maximum(_STILL_COUNTS, fine)))
             text = f"counts moved by {most} at rest"
             if scales is not None:  # counts of such drives are too fine to say how far
                 angle = float(np.max(moved[i] * scales[:, 0]))
-                text += f": {angle:.1g} rad or m, where up to {STILL:g} is at rest"
+                text += f": {angle:.1g} rad or m, where up to {_STILL:g} is at rest"
             if not still:
                 text += "; rest the arm in its dock and keep off it, or look for bad cables"
             yield TestStep(arm, "encoders", still, text)
             if port.force is not None:
                 most_n = float(noise[i].max())
                 text = f"force has a noise of {most_n:.2g} N"
-                if most_n > STILL_FORCE:
+                if most_n > _STILL_FORCE:
                     text += "; keep off the sensor, and look at its cable"
-                yield TestStep(arm, "force", most_n <= STILL_FORCE, text)
+                yield TestStep(arm, "force", most_n <= _STILL_FORCE, text)
 
     def with_power(self, torque: float) -> Iterator[TestStep]:
         """Every joint of every arm, one at a time, both ways."""
@@ -246,9 +246,9 @@ class _Bench:
                 for k in range(self.d)
             )
             text = f"{torque:g} N m after the cut changed a speed by {most:.2f} rad/s"
-            if most >= MOVES:
+            if most >= _MOVES:
                 text += ": the motors still have power; look at what the cut program switches"
-            yield TestStep(arm, "cut", most < MOVES, text)
+            yield TestStep(arm, "cut", most < _MOVES, text)
 
     def _of(self, arm: str) -> list[Device]:
         """Devices of an arm."""
@@ -269,11 +269,11 @@ class _Bench:
         self, i: int, port: ArmPort, devices: list[Device], effort: FloatArray
     ) -> FloatArray:
         """Change of speed (d,) [rad/s] by a pulse; no power before and after."""
-        worst = max(self.step() for _ in range(REST))
+        worst = max(self.step() for _ in range(_REST))
         for device in devices:
             device.enable()
         before = self.qd[i].copy()
-        for _ in range(PULSE):
+        for _ in range(_PULSE):
             worst = max(worst, self.step(port, effort))
         change = self.qd[i] - before
         for device in devices:
@@ -288,7 +288,7 @@ def _judge(arm: str, k: int, change: FloatArray, torque: float) -> TestStep:
     """Whether joint k, and it above all, went the way that it was pushed."""
     name, seen = f"joint {k + 1}", f"{torque:g} N m changed its speed by {change[k]:+.2f} rad/s"
     largest = int(np.argmax(np.abs(change)))
-    if abs(change[largest]) < MOVES:
+    if abs(change[largest]) < _MOVES:
         text = f"{seen}: it does not move; is the amplifier on, and its watchdog fed?"
     elif largest != k:
         text = f"{seen}, and that of joint {largest + 1} by more: look at the channel map"
@@ -312,7 +312,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("rig", metavar="RIG.toml", help="rig file")
     parser.add_argument(
-        "--torque", type=float, default=USUAL, help=f"torque of a pulse [N m] (default {USUAL})"
+        "--torque", type=float, default=_USUAL, help=f"torque of a pulse [N m] (default {_USUAL})"
     )
     parser.add_argument("--no-motors", action="store_true", help="stop before the motors")
     add_rearm(parser)

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 #: Files of the page.
-OWN = ("studio.js", "studio.css", "page.js", "intake.js")
+_OWN = ("studio.js", "studio.css", "page.js", "intake.js")
 
 
 def application(worker: Worker, token: str, hosts: Hosts, folder: Path | None = None) -> Any:
@@ -114,7 +114,7 @@ def application(worker: Worker, token: str, hosts: Hosts, folder: Path | None = 
         "template": lambda _: {"text": TEMPLATE, "path": "my_effects.py"},
     }
     requests = {"ask": ask, "cancel": cancel}
-    return site("hil.studio", OWN, questions, requests, token, hosts, folder)
+    return site("hil.studio", _OWN, questions, requests, token, hosts, folder)
 
 
 # ------------------------------------------------------------ how long its answers take

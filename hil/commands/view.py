@@ -44,7 +44,7 @@ EXAMPLE = (
     "  hil view s.mcap --live"
 )
 #: Port that viewers propose.
-PORT = 8765
+_PORT = 8765
 #: Where the pages of viewers are from: those of an installed program, and Foxglove's own.  A
 #: program that is no page says nothing.
 VIEWERS_AT = ("file://", "https://app.foxglove.dev")
@@ -103,9 +103,9 @@ def add_live(parser: argparse.ArgumentParser, what: str) -> None:
         "--live",
         nargs="?",
         type=int,
-        const=PORT,
+        const=_PORT,
         metavar="PORT",
-        help=f"{what}, to this machine alone, on ws://127.0.0.1:PORT (default {PORT})",
+        help=f"{what}, to this machine alone, on ws://127.0.0.1:PORT (default {_PORT})",
     )
 
 

@@ -83,7 +83,7 @@ from hil.record.consistency import Note, notes_of
 FloatArray = NDArray[np.float64]
 BLURRED = "blurred"
 #: Wider cut-offs of the positions, in units of the present one, and in units of the sample rate.
-WIDER, WIDEST = (2.0, 4.0), 0.35
+_WIDER, _WIDEST = (2.0, 4.0), 0.35
 
 
 # ------------------------------------------------------------ what candidates are artefacts
@@ -189,7 +189,7 @@ def _signs(problem: Problem, j: int) -> Iterator[tuple[float, list[FloatArray]]]
 
     Run by run, each behind the time by which it turns early.
     """
-    for wider in WIDER:
+    for wider in _WIDER:
         yield 0.0, _sharp(problem, j, wider)
     for early in (LEAD / 4, LEAD / 2, LEAD):
         signs = [
@@ -225,7 +225,7 @@ def _sharp(problem: Problem, j: int, wider: float) -> list[FloatArray]:
     if key not in problem.memo:
         out = []
         for r, m in zip(problem.recordings, problem.motions, strict=True):
-            cut = min(wider * problem.rates.position, WIDEST * r.rate)
+            cut = min(wider * problem.rates.position, _WIDEST * r.rate)
             speed = bands.derivatives(r.q[:, j : j + 1], r.rate, cut)[1][:, 0]
             rows = m.dt * r.rate
             sharp = np.sign(bands.every(speed, min(rows, 1.0)))
@@ -323,11 +323,11 @@ def blur_notes(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
 ROUNDED = "rounded-efforts"
 #: Steps that are tried, in units of the one whose rounding leaves the residual: a filter lets less
 #: of it pass.
-STEPS = (0.7, 8.0)
+_STEPS = (0.7, 8.0)
 #: Steps within the effort's range, at least: of few, the rounding is most of the effort itself.
-LEAST = 10
+_LEAST = 10
 #: Lines of the search to one over the effort's range, how many at most, and sines of a saw.
-FINE, MOST, OVERTONES = 16, 2**12, 12
+_FINE, _MOST, _OVERTONES = 16, 2**12, 12
 #: Peaks of the search that are fitted, those of them that are looked at closely, and values about
 #: one.
 HILLS, PEAKS, ABOUT = 90, 6, 17
@@ -403,24 +403,24 @@ def _steps(projector: Projector, j: int) -> tuple[list[float], float]:
     span, left = float(np.ptp(u)), float(np.sqrt(12.0 * np.mean(r**2))) * sigma
     if span <= 0.0 or left <= 0.0:
         return [], 0.0
-    apart = 1.0 / (FINE * span)
-    first, last = (1.0 / (x * left * apart) for x in STEPS[::-1])
-    tried = np.arange(max(int(first), LEAST * FINE), min(int(last), MOST) + 2)
+    apart = 1.0 / (_FINE * span)
+    first, last = (1.0 / (x * left * apart) for x in _STEPS[::-1])
+    tried = np.arange(max(int(first), _LEAST * _FINE), min(int(last), _MOST) + 2)
     if tried.size < 3:
         return [], 0.0
     each = np.split(problem.back(r, j), np.cumsum([len(x) for x in effort])[:-1])
     g = np.concatenate(
         [np.repeat(w / x.shape[1], x.shape[1]) for w, x in zip(each, effort, strict=True)]
     )
-    bins = OVERTONES * int(tried[-1])
+    bins = _OVERTONES * int(tried[-1])
     place = (u - u.min()) * (bins / span)
     low = np.minimum(place.astype(np.int64), bins - 1)
     share = place - low  # between two bins
     heights = np.bincount(low, g * (1.0 - share), bins + 1)
     heights += np.bincount(low + 1, g * share, bins + 1)
-    spectrum = np.fft.rfft(heights, FINE * bins)
+    spectrum = np.fft.rfft(heights, _FINE * bins)
     along = np.zeros(tried.size)
-    for k in range(1, OVERTONES + 1):
+    for k in range(1, _OVERTONES + 1):
         turn = np.exp(-2j * np.pi * apart * u.min() * k * tried)
         along += (-1) ** k / k * (turn * spectrum[k * tried]).imag
     score = np.maximum(along, 0.0) ** 2
@@ -477,7 +477,7 @@ def rounded_notes(problem: Problem) -> list[tuple[str, str]]:
 
 POSITION_NOISE = "position-noise"
 #: Cut-offs of smoothers [Hz].
-CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+_CUTS = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 
 
 # ------------------------------------------------------------ noise of the positions
@@ -528,7 +528,7 @@ def _smoothers(projector: Projector, j: int) -> FloatArray:
     """What smoothers without delay take from joint j's load, weighted rows (n, k)."""
     problem = projector.problem
     raw = [
-        np.stack([_smoothed(m.load[:, j], 1 / m.dt, cut) for cut in CUTS], axis=1)
+        np.stack([_smoothed(m.load[:, j], 1 / m.dt, cut) for cut in _CUTS], axis=1)
         for m in problem.motions
     ]
     return np.asarray(problem.gated(raw, j) / projector.sigma[j], dtype=np.float64)

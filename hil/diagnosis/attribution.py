@@ -488,7 +488,7 @@ def as_use(c: Candidate, problem: Problem) -> Use:
 # ---------------------------------------------------------------------- overtones
 
 #: Multiples of a named wave's order of which its law, two harmonics each, is tried beside it.
-FURTHER = (2, 3, 5)
+_FURTHER = (2, 3, 5)
 
 
 def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector: Projector) -> str:
@@ -525,7 +525,7 @@ def harmonic(c: Candidate, found: Sequence[Candidate], motion: Motion, projector
 def _more(wave: Candidate, projector: Projector) -> float:
     """Gain of further harmonics of a named wave, all at once."""
     order, *rest = wave.term.shape
-    shapes = [(k * order, *rest) for k in FURTHER]
+    shapes = [(k * order, *rest) for k in _FURTHER]
     columns = [projector.weighted(wave.term.reshaped(shape)) for shape in shapes]
     return projector.gain_of(wave.term, np.concatenate(columns, axis=1))
 

@@ -264,13 +264,13 @@ def _values(c: Candidate) -> tuple[int, int]:
 #: Shrinkage of a free function's coefficients, in units of their own columns [1].
 SHRINK = 1e-3
 #: Centres and width of bumps over speed, in units of the rms speed.
-SPEEDS, WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
+_SPEEDS, _WIDTH = np.linspace(-2.1, 2.1, 9), 0.45
 #: Bumps over the range of the position, and those that find a single detent.
-PLACES, NARROW = 25, 100
+_PLACES, _NARROW = 25, 100
 #: Times in which something follows the position [s].
 CREEPS = (0.1, 0.4, 1.6, 6.4)
 #: Knots of a slow function of time, a run.
-KNOTS = 8
+_KNOTS = 8
 #: What a nearby law that the catalogue does not hold is called.
 FOIL = "a law without a name"
 #: What it is called where it takes in the whole robot.
@@ -285,10 +285,10 @@ def _place(m: Motion, j: int, order: int) -> FloatArray:
 
 def _bumps(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     v = m.qd[:, j] / rms[j]
-    return np.asarray(np.exp(-0.5 * ((v[:, None] - SPEEDS) / WIDTH) ** 2))
+    return np.asarray(np.exp(-0.5 * ((v[:, None] - _SPEEDS) / _WIDTH) ** 2))
 
 
-def _places(m: Motion, j: int, count: int = PLACES) -> FloatArray:
+def _places(m: Motion, j: int, count: int = _PLACES) -> FloatArray:
     """Bumps over the position, `count` of them."""
     at = np.linspace(-1.0, 1.0, count)
     return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (count - 1) / 2) ** 2)
@@ -301,7 +301,7 @@ def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 
 def narrow(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any function of the position with single narrow places: a detent, a latch."""
-    return _places(m, j, NARROW)
+    return _places(m, j, _NARROW)
 
 
 def inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
@@ -356,7 +356,7 @@ def load(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 def time(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any slow function of time: an offset, friction by direction and viscous friction."""
     x = 2 * m.since / max(float(m.since[-1]), 1e-12) - 1
-    slow = np.polynomial.chebyshev.chebvander(x, KNOTS)[:, 1:]
+    slow = np.polynomial.chebyshev.chebvander(x, _KNOTS)[:, 1:]
     sign, v = m.sign(j)[:, None], m.qd[:, j : j + 1]
     return np.concatenate([slow, sign * slow, v * slow[:, :3]], axis=1)
 

@@ -75,7 +75,7 @@ from hil.models.effect import Effect, Sight, Trait
 
 FloatArray = NDArray[np.float64]
 #: Unit of a shape value that is a speed.
-SPEED = "{x}/s"
+_SPEED = "{x}/s"
 #: Size in units of the noise that an effect gets which the base model absorbs.
 PROBE = 10.0
 #: Share of its largest column as which a column counts at least there.
@@ -494,7 +494,7 @@ def _command(effect: str, problem: Problem, joints: Sequence[str]) -> str:
 def _low_speed(result: FitResult, evidence: Evidence) -> list[Unseen]:
     """Stribeck friction that would go unseen, over all joints with Coulomb friction."""
     problem, missed = result.problem, {}
-    laws = [e for e in _showing(Sight.SLOW) if e.shape and e.shape[0].unit == SPEED]
+    laws = [e for e in _showing(Sight.SLOW) if e.shape and e.shape[0].unit == _SPEED]
     present = {t.key for t in result.terms}
     for j in np.flatnonzero(~problem.holds).tolist():
         fc = _dry(result, j)

@@ -56,7 +56,7 @@ FULL = 0.9
 #: Ridges that are tried.
 STRENGTHS = (1e-4, 1e-3, 1e-2, 1e-1)
 #: Shares of the blocks of time that are left out in turn, and the length of a block [s].
-FOLDS, SECONDS = 5, 0.5
+_FOLDS, _SECONDS = 5, 0.5
 
 
 def smooth_features(problem: Problem, j: int) -> FloatArray:
@@ -321,9 +321,9 @@ class Folds:
         self.result, problem = result, result.problem
         q = free_columns(result).reshape(problem.d, problem.n, -1)
         y = result.residual / result.sigma[:, None]
-        fold = time_blocks(problem, SECONDS) % FOLDS
+        fold = time_blocks(problem, _SECONDS) % _FOLDS
         #: Columns (d, n_k, r) and residual (d, n_k) of each fold.
-        self.parts = [(q[:, fold == k], y[:, fold == k]) for k in range(FOLDS)]
+        self.parts = [(q[:, fold == k], y[:, fold == k]) for k in range(_FOLDS)]
         self.fold = fold
         self.grams = [np.tensordot(a, a, axes=((0, 1), (0, 1))) for a, _ in self.parts]
         self.rights = [np.tensordot(a, b, axes=((0, 1), (0, 1))) for a, b in self.parts]
@@ -381,7 +381,7 @@ Make = Callable[[], FloatArray]
 #: Rows up to which a network is fitted where nothing is left above the floor.
 MAX_ROWS = 10_000
 #: Bumps over a joint's own range and over another one's, and joints up to which those are asked.
-FINE, COARSE, NEAR = 40, 12, 4
+_FINE, _COARSE, _NEAR = 40, 12, 4
 #: Bumps over each of two joints' ranges.
 POSES = 7
 #: Short name of the functions of time, and how any set of inputs is called in an answer.
@@ -523,7 +523,7 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
     yield f"q of {own}", "its position in detail", seen(partial(_places, j=j))
     spots = seen(partial(_spots, j=j))
     yield f"sgn qd,q of {own}", "its direction and its position in detail", spots
-    for k in range(problem.d) if problem.d <= NEAR else ():
+    for k in range(problem.d) if problem.d <= _NEAR else ():
         if k != j:
             rubs = seen(partial(_rubs, j=j, k=k))
             yield f"q of {names[k]}", f"the position of {names[k]}", rubs
@@ -535,7 +535,7 @@ def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
 
 def _places(m: Motion, j: int) -> FloatArray:
     """Functions of joint j's position."""
-    return _bumps(m.q[:, j], m.span[j], FINE)
+    return _bumps(m.q[:, j], m.span[j], _FINE)
 
 
 def _spots(m: Motion, j: int) -> FloatArray:
@@ -553,7 +553,7 @@ def _bumps(q: FloatArray, span: FloatArray, count: int) -> FloatArray:
 
 def _rubs(m: Motion, j: int, k: int) -> FloatArray:
     """Functions of joint k's position, alone and with the sign of joint j's speed."""
-    each = _bumps(m.q[:, k], m.span[k], COARSE)
+    each = _bumps(m.q[:, k], m.span[k], _COARSE)
     return np.concatenate([each, each * m.sign(j)[:, None]], axis=1)
 
 

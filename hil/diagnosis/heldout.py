@@ -485,7 +485,7 @@ def _covariance(f: FitResult) -> FloatArray:
     return cluster_covariance((f.residual / f.sigma[:, None]).reshape(-1), f.basis, blocks)
 
 
-DIFFER, SAID = "sessions-differ", "the sessions differ"
+DIFFER, _SAID = "sessions-differ", "the sessions differ"
 #: Kind of a difference between states of the rig, and of no other.
 STATE = "state"
 BOTH = "Fit the held-out session, too, and hold out another one"
@@ -549,7 +549,7 @@ def differences(out: Diagnosis, examine: Examiner) -> list[Note]:
         if above[j] and j not in told
     ]
     notes = [
-        Note(DIFFER, text, pair.joints[j], text, STATE if SAID in text else "")
+        Note(DIFFER, text, pair.joints[j], text, STATE if _SAID in text else "")
         for j, text in sorted(found)
         if text
     ]
@@ -613,7 +613,7 @@ def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:
         )
     left = leaves(identified(pair.fitted.problem), pair.alone.problem, j)
     lead = f"{pair.theirs} leaves the range of {pair.ours}, or" if left else ""
-    return f"{joint}: {' '.join([lead, SAID]).strip()}: {text}{f'; {why}' if why else ''}"
+    return f"{joint}: {' '.join([lead, _SAID]).strip()}: {text}{f'; {why}' if why else ''}"
 
 
 def _theirs(out: Diagnosis, pair: _Pair, joints: list[int]) -> list[tuple[int, str]]:
@@ -702,4 +702,4 @@ def _only(
     text = f"{name} would explain {100 * share:.0f} % of the error above the noise in {here}"
     if blind:
         return f"{joint}: {text}; the motion of {there} can hardly show it"
-    return f"{joint}: {SAID}: {text}, and {there} does not show it"
+    return f"{joint}: {_SAID}: {text}, and {there} does not show it"

@@ -30,7 +30,7 @@ from hil.record.urdf_joints import link_at
 FloatArray = NDArray[np.float64]
 
 #: Instants on which other postures are tried, and steps of a zero around the turn.
-INSTANTS, STEPS = 500, 24
+_INSTANTS, _STEPS = 500, 24
 #: Highest power of a joint's own position of a law that is asked whether it explains more than
 #: another zero: springs, hoses, stops.
 OWN_LAWS = 3
@@ -134,7 +134,7 @@ class Postures:
         for t, where in zip(result.terms, result.slices, strict=True):
             body[where] = Trait.BODY in t.effect.traits
         self._robot, self._d = problem.robot, problem.d
-        pick = np.unique(np.linspace(0, problem.n - 1, INSTANTS).astype(int))
+        pick = np.unique(np.linspace(0, problem.n - 1, _INSTANTS).astype(int))
         self._states = [x[:, pick].T for x in (problem.q, problem.qd, problem.qdd)]
         whose = problem.whole[problem.run[pick]]  # a recording with gaps has several parts
         self._counted = ((whose == run) | (run is None))[:, None]
@@ -325,7 +325,7 @@ class Postures:
             place = np.where(which[:, None], float(np.exp(x)), 1.0) * tree.place
             return self.now(tree=replace(tree, place=place))
 
-        grid = np.log(OTHER_LENGTHS) * np.linspace(-1, 1, 2 * STEPS + 1)
+        grid = np.log(OTHER_LENGTHS) * np.linspace(-1, 1, 2 * _STEPS + 1)
         best, step = min(grid.tolist(), key=left), float(grid[1] - grid[0])
         fine = scipy.optimize.minimize_scalar(
             left, bounds=(best - step, best + step), method="bounded"
@@ -351,8 +351,8 @@ class Postures:
             as_it_is, turned = self.left(now, j)
             return min(as_it_is, turned), Sense(sign, shift, 1.0 if as_it_is <= turned else -1.0)
 
-        turns, step = self._robot.units[j] == "rad", 2 * np.pi / STEPS
-        shifts = step * np.arange(STEPS) if turns else np.zeros(1)
+        turns, step = self._robot.units[j] == "rad", 2 * np.pi / _STEPS
+        shifts = step * np.arange(_STEPS) if turns else np.zeros(1)
         tried = [left(sign, float(z)) for sign in (1.0, -1.0) for z in shifts]
         least = min(x for x, _ in tried)
         if not turns or least > WHOLE * self.now(senses):
@@ -394,8 +394,8 @@ class Postures:
         def left(z: float) -> float:
             return self.now([Sense(shift=z) if k == j else x for k, x in enumerate(senses)])
 
-        step = 2 * np.pi / STEPS
-        best = min((step * np.arange(STEPS)).tolist(), key=left)
+        step = 2 * np.pi / _STEPS
+        best = min((step * np.arange(_STEPS)).tolist(), key=left)
         fine = scipy.optimize.minimize_scalar(
             left, bounds=(best - step, best + step), method="bounded"
         )
@@ -423,7 +423,7 @@ class Postures:
                 def left(x: float, senses: Callable[[float], list[Sense]] = senses) -> float:
                     return self.now(senses(float(x)))
 
-                grid = np.log(most) * np.linspace(-1, 1, STEPS + 1)
+                grid = np.log(most) * np.linspace(-1, 1, _STEPS + 1)
                 best = min(grid.tolist(), key=left)
                 if left(best) > WHOLE * now:
                     continue

@@ -512,19 +512,21 @@ def contradicted(result: FitResult, over: FloatArray | None = None) -> list[tupl
         return [(GRAVITY, said)]
     every_one = [(w, _advice(result.problem.joints[w.joint], w, over)) for w in off]
     # what is said of the masses of several joints is said once
-    masses = [w for w, advice in every_one if advice == MASSES]
-    told = [(masses, MASSES)] if masses else []
-    told += [([w], advice) for w, advice in every_one if advice != MASSES]
+    masses = [w for w, advice in every_one if advice == _MASSES]
+    told = [(masses, _MASSES)] if masses else []
+    told += [([w], advice) for w, advice in every_one if advice != _MASSES]
     return [(GRAVITY, f"{_ratios(result, some)}. {advice}") for some, advice in told]
 
 
 #: What to do where the data surely give other masses than the description; of one joint, whose
 #: effort is of another order.
-MASSES = (
+_MASSES = (
     "Check the masses and centres of mass of the links that follow, the zeros of the positions, "
     "and whether the description lacks a spring or a counterweight"
 )
-UNITS = "Check the unit of its effort (or the ratio of a gear), t" + MASSES.removeprefix("Check t")
+_UNITS = "Check the unit of its effort (or the ratio of a gear), t" + _MASSES.removeprefix(
+    "Check t"
+)
 
 
 def _ratios(result: FitResult, some: Sequence[Weighed]) -> str:
@@ -558,7 +560,7 @@ def _advice(joint: str, w: Weighed, over: FloatArray | None) -> str:
             "may act over the posture as gravity does (a spring, a cable, a contact). This "
             "value says nothing of the masses before that is explained"
         )
-    return UNITS if unit else MASSES
+    return _UNITS if unit else _MASSES
 
 
 def _doubted(w: Weighed) -> bool:

@@ -84,13 +84,13 @@ def _place(use: Use) -> tuple[str, tuple[str, ...], bool]:
 
 
 #: Options of an effect whose values stay.
-KEPT = {"fixed": True, "fixed_shape": True}
+_KEPT = {"fixed": True, "fixed_shape": True}
 
 
 def kept(model: RobotModel) -> RobotModel:
     """A fitted model whose values stay; but those that every run has by itself."""
     effects = tuple(
-        u if u.options.get("per_run") else replace(u, options={**u.options, **KEPT})
+        u if u.options.get("per_run") else replace(u, options={**u.options, **_KEPT})
         for u in model.effects
     )
     return replace(model, effects=effects)

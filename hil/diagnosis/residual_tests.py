@@ -57,9 +57,9 @@ from hil.record.consistency import Note
 FloatArray = NDArray[np.float64]
 CHANGED, BENT = "changed", "curved-in-temperature"
 #: Instants of a run that are tried, and those around the best of them.
-INSTANTS, AROUND = 15, 16
+_INSTANTS, _AROUND = 15, 16
 #: Share of a column below which it is the model's own.
-OWN_SHARE = 1e-4
+_OWN_SHARE = 1e-4
 CAUSE = "was a gain changed, is a screw loose, does something touch it, does a part warm up?"
 #: What to do where a value changed within a run, and where a whole run has another one.
 CUT_THERE = "Give what was recorded before and after that instant as two sessions"
@@ -183,7 +183,7 @@ def _throughout(projector: Projector, j: int, c: FloatArray) -> float:
     whole = float(c @ c)
     free = whole - float(np.sum(projector.inner(rows, c[:, None]) ** 2))
     along = float(c @ projector.residual[rows])
-    return along**2 / free if free > OWN_SHARE * whole else 0.0
+    return along**2 / free if free > _OWN_SHARE * whole else 0.0
 
 
 def _bend(projector: Projector, result: FitResult, j: int) -> tuple[float, int, str]:
@@ -280,14 +280,14 @@ def _coarse(result: FitResult) -> list[Cut]:
     motions = result.problem.motions
     whole = [(k, 0.0) for k in range(1 if len(motions) == 2 else 0, len(motions))]
     whole = whole if len(motions) > 1 else []
-    inside = np.arange(1, INSTANTS + 1) / (INSTANTS + 1)
+    inside = np.arange(1, _INSTANTS + 1) / (_INSTANTS + 1)
     return whole + [(k, float(m.since[-1] * x)) for k, m in enumerate(motions) for x in inside]
 
 
 def _fine(result: FitResult, cut: Cut) -> list[Cut]:
     """Instants around one of the coarse ones, itself among them."""
-    step = float(result.problem.motions[cut[0]].since[-1]) / (INSTANTS + 1) / AROUND
-    return [(cut[0], cut[1] + step * x) for x in range(1 - AROUND, AROUND)]
+    step = float(result.problem.motions[cut[0]].since[-1]) / (_INSTANTS + 1) / _AROUND
+    return [(cut[0], cut[1] + step * x) for x in range(1 - _AROUND, _AROUND)]
 
 
 def _best(
@@ -302,7 +302,7 @@ def _best(
         c = columns[:, k : k + 1] * np.stack(later, axis=1)
         whole = np.sum(c**2, axis=0)
         free = whole - np.sum(projector.inner(rows, c) ** 2, axis=0)
-        free = np.where(free > OWN_SHARE * whole, free, np.inf)
+        free = np.where(free > _OWN_SHARE * whole, free, np.inf)
         along = c.T @ projector.residual[rows]
         b = int(np.argmax(along**2 / free))
         found.append((float(along[b] ** 2 / free[b]), float(along[b] / free[b]), k, cuts[b]))
@@ -311,9 +311,9 @@ def _best(
 
 UNLIKE = "unlike-noise"
 #: Parts of a run that have an rms of their own.
-PARTS = 6
+_PARTS = 6
 #: Autocorrelations counted.
-LAGS = 400
+_LAGS = 400
 #: Instants that are named, and the Fourier transform's padding.
 NAMED, PADDED = 3, 4
 
@@ -411,7 +411,7 @@ def _elsewhere(
     runs = [
         left[(problem.run == k) & problem.live[j] & ~near] for k in range(len(problem.recordings))
     ]
-    return _even([r / max(float(r.std()), 1e-300) for r in runs if r.size >= LAGS] or [left])[0]
+    return _even([r / max(float(r.std()), 1e-300) for r in runs if r.size >= _LAGS] or [left])[0]
 
 
 def unlike_notes(found: Sequence[Unlike]) -> list[tuple[str, str]]:
@@ -423,7 +423,7 @@ def kurtosis(r: FloatArray) -> tuple[float, float]:
     """Excess kurtosis of r (n,) of mean 0, and its standard error for Gaussian noise."""
     n, r = r.size, r / max(float(np.sqrt(np.mean(r**2))), 1e-300)
     power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
-    rho = np.clip(np.fft.irfft(power)[1 : min(LAGS, n // 4)] / n, -1.0, 1.0)
+    rho = np.clip(np.fft.irfft(power)[1 : min(_LAGS, n // 4)] / n, -1.0, 1.0)
     # k = mean(r^4) - 3,   se = sqrt(24 / n (1 + 2 sum rho^4))
     return float(np.mean(r**4)) - 3.0, float(np.sqrt(24.0 / n * (1.0 + 2.0 * np.sum(rho**4))))
 
@@ -431,7 +431,7 @@ def kurtosis(r: FloatArray) -> tuple[float, float]:
 def _runs(problem: Problem, j: int, left: FloatArray) -> list[FloatArray]:
     """What is left on joint j (n,), run by run, where there is enough of it."""
     parts = [_residual(problem, j, left, k) for k in range(len(problem.recordings))]
-    return [r for r in parts if r.size >= LAGS]
+    return [r for r in parts if r.size >= _LAGS]
 
 
 def _even(runs: list[FloatArray]) -> tuple[float, float]:
@@ -448,7 +448,7 @@ def _residual(problem: Problem, j: int, left: FloatArray, k: int) -> FloatArray:
 
 def _around(r: FloatArray) -> FloatArray:
     """Rms of r (n,) around each instant, between those of PARTS parts."""
-    edges = np.linspace(0, r.size, PARTS + 1).astype(int)
+    edges = np.linspace(0, r.size, _PARTS + 1).astype(int)
     power = [float(np.mean(r[a:b] ** 2)) for a, b in pairwise(edges.tolist())]
     middle = (edges[1:] + edges[:-1]) / 2
     out: FloatArray = np.sqrt(np.interp(np.arange(r.size), middle, power))

@@ -365,7 +365,7 @@ def _touches_of(result: FitResult, j: int, struck: NDArray[np.bool_], r: FloatAr
 
 PUSHED = "pushed"
 #: Components of a force.
-FORCE = 3
+_FORCE = 3
 
 
 def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
@@ -384,18 +384,18 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
     if any(r.wrench is not None or r.tau_ext is not None for r in problem.recordings):
         return []
     robot, moves = problem.motions[0].robot, np.flatnonzero(~problem.holds & felt)
-    free = moves.size - FORCE
+    free = moves.size - _FORCE
     q = np.ascontiguousarray(problem.q.T)
     if free < 1 or result.model.explains != "motor" or robot.tip_axes(q[:1]) is None:
         return []
     scale = np.maximum(result.rms, 1e-300)
-    of_unit = [robot.external(q, np.tile(np.eye(6)[k], (len(q), 1))) for k in range(FORCE)]
+    of_unit = [robot.external(q, np.tile(np.eye(6)[k], (len(q), 1))) for k in range(_FORCE)]
     r, x = (result.residual / scale[:, None]).T, np.stack(of_unit, axis=2) / scale[:, None]
     r, x = r[:, moves], x[:, moves]
     force = np.einsum("nkj,nj->nk", np.linalg.pinv(x), r)
     along = np.einsum("njk,nk->nj", x, force)
     tip, rest = float(np.sum(along**2)), float(np.sum((r - along) ** 2))
-    if tip / FORCE < CERTAIN * rest / free or _slow_share(problem, along) < HALF:
+    if tip / _FORCE < CERTAIN * rest / free or _slow_share(problem, along) < HALF:
         return []
     taken = tip / max(tip + rest, 1e-300)
     size = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
@@ -403,8 +403,8 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
         (
             PUSHED,
             f"a force at the tip that nobody measured gives {100 * taken:.0f} % of what is left on "
-            f"{moves.size} joints (noise: {100 * FORCE / moves.size:.0f} %). It is slow and has an "
-            f"rms of {size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave "
+            f"{moves.size} joints (noise: {100 * _FORCE / moves.size:.0f} %). It is slow and has "
+            f"an rms of {size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave "
             "those times out",
         )
     ]

@@ -33,7 +33,7 @@ from hil.models.robots import bare_robot
 FloatArray = NDArray[np.float64]
 #: Parts of a model that the rigid-body part of the loop holds.
 _RIGID = Trait.BODY | Trait.ROTOR
-JOINTS = ("joint1", "joint2", "joint3")
+_JOINTS = ("joint1", "joint2", "joint3")
 #: What stands for an effect without values.
 _NO_VALUE = Value(math.nan)
 
@@ -88,7 +88,7 @@ def effects(model: RobotModel) -> dict[str, float]:
 def span(model: RobotModel) -> list[float]:
     """Lowest and highest position of each joint that its laws refer to; empty if unknown."""
     known = {r.joint: r.span or r.position for r in model.valid}
-    joints = tuple(bare_robot(model.robot, JOINTS).joints)
+    joints = tuple(bare_robot(model.robot, _JOINTS).joints)
     return [x for j in joints for x in known[j]] if set(joints) <= set(known) else []
 
 

@@ -44,7 +44,7 @@ from hil.models.model import BASE_EFFECTS, RobotModel
 
 FloatArray = NDArray[np.float64]
 #: Time to go from rest to the largest speed, and the shortest rounding of a corner [s].
-RISE, SHORTEST = 0.2, 0.04
+_RISE, _SHORTEST = 0.2, 0.04
 #: Shortest move, and shortest move between two sets of strokes [s].
 QUICKEST, UNHURRIED = 0.05, 0.5
 #: What separates effects that no motion of the menu does, nor all together.
@@ -132,7 +132,7 @@ def _blends(times: FloatArray, via: FloatArray, speed: FloatArray) -> FloatArray
     gaps = np.diff(times)
     slope = np.diff(via, axis=0) / gaps[:, None]
     change = np.abs(np.diff(np.concatenate([slope[-1:], slope, slope[:1]]), axis=0))
-    wanted = np.maximum(RISE * np.max(change / speed, axis=1), SHORTEST)
+    wanted = np.maximum(_RISE * np.max(change / speed, axis=1), _SHORTEST)
     room = np.minimum(np.concatenate([gaps[-1:], gaps]), np.concatenate([gaps, gaps[:1]]))
     out: FloatArray = np.minimum(wanted, room)
     return out

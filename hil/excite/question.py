@@ -271,7 +271,7 @@ def gram(problem: Problem, question: Question) -> FloatArray:
     return x.T @ x
 
 
-def verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict]:
+def _verdicts(g: FloatArray, question: Question) -> dict[tuple[str, str], Verdict]:
     """Verdict on every ordered pair of rivals; of a single one against the base alone."""
     where, base = _slots(question)
     out = {}
@@ -314,7 +314,7 @@ def pair(found: dict[tuple[str, str], Verdict], a: Rival, b: Rival) -> Verdict:
 
 def against(g: FloatArray, question: Question, names: tuple[str, ...]) -> dict[str, Verdict]:
     """Verdict on the first of some rivals against each other one; of a single one, the base."""
-    found = verdicts(g, question)
+    found = _verdicts(g, question)
     rivals = {r.name: r for r in question.rivals}
     first, *others = names or tuple(rivals)
     if not others:
@@ -360,12 +360,12 @@ def _left(
 #: Share of a power below which it is rounding of the projection.
 NULL = 1e-10
 #: Share of the largest column of an effect below which one is rounding.
-ROUNDING = 1e-12
+_ROUNDING = 1e-12
 
 
 def _nothing(size: FloatArray) -> NDArray[np.bool_]:
     """Which columns of an effect, of these norms, are none but for rounding."""
-    out: NDArray[np.bool_] = size <= max(ROUNDING * float(size.max(initial=0.0)), 1e-150)
+    out: NDArray[np.bool_] = size <= max(_ROUNDING * float(size.max(initial=0.0)), 1e-150)
     return out
 
 
@@ -654,7 +654,7 @@ def at_rest(q: FloatArray, problem: Problem, question: Question) -> FloatArray:
 
 
 #: Length of a motion of the menu [s]: of a described robot, whose rigid body costs time, and else.
-DESCRIBED, BARE = 12.0, 30.0
+_DESCRIBED, _BARE = 12.0, 30.0
 
 
 def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
@@ -683,7 +683,7 @@ def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
     noise = np.maximum(bands.quanta(first), bands.position_noise(first))
     quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
     space = explore(limits, problem.robot)
-    seconds = seconds or (DESCRIBED if problem.source.urdf else BARE)
+    seconds = seconds or (_DESCRIBED if problem.source.urdf else _BARE)
     space = space if own is not None else _crossed(space, seconds * QUARTER)
     return Stage(space, problem.source, problem.rates, quantum, seconds)
 

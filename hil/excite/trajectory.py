@@ -183,7 +183,7 @@ def _blends(x: Trajectory, gaps: FloatArray) -> list[str]:
     return []
 
 
-SCHEMA = "hil.trajectory/1"
+_SCHEMA = "hil.trajectory/1"
 _KEYS = ("schema", "name", "for", "joints", "units", "period", "path", "fourier")
 
 
@@ -210,10 +210,10 @@ def read(path: str | Path) -> Trajectory:
         raise ConfigError(f"trajectory {path}: no such file") from None
     except (OSError, ValueError) as error:
         raise ConfigError(f"trajectory {path} is not a readable TOML file: {error}") from error
-    if table.get("schema") != SCHEMA:
+    if table.get("schema") != _SCHEMA:
         raise ConfigError(
             f"trajectory {path} is no trajectory file: its schema is {table.get('schema')!r}, "
-            f"{SCHEMA!r} is needed; 'hil excite' writes one"
+            f"{_SCHEMA!r} is needed; 'hil excite' writes one"
         )
     try:
         return _parse(table)
@@ -292,7 +292,7 @@ def text(x: Trajectory, note: str = "") -> str:
     """TOML text of a trajectory."""
     lines = [f"# {line}" for line in note.splitlines()]
     words = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "name": x.name,
         "for": list(x.purpose),
         "joints": list(x.joints),
@@ -483,14 +483,14 @@ _OMNI = Limits(
     np.array([0.0, 0.6, 0.3]),
     source="PHANTOM Omni",
 )
-PRESETS = {"phantom-premium-1.5": _PREMIUM, "phantom-omni": _OMNI}
+_PRESETS = {"phantom-premium-1.5": _PREMIUM, "phantom-omni": _OMNI}
 #: Range to either side of 0 [rad or m] and speed [rad/s or m/s] of a joint whose URDF states none.
 UNSTATED_RANGE, UNSTATED_SPEED = np.pi / 2, 1.0
 
 
 def of_robot(source: RobotSource) -> Limits | None:
     """Limits that come with a robot; None where it brings none (independent axes)."""
-    return _of_urdf(source.urdf) if source.urdf else PRESETS.get(source.preset)
+    return _of_urdf(source.urdf) if source.urdf else _PRESETS.get(source.preset)
 
 
 def _of_urdf(text: str) -> Limits:

@@ -34,18 +34,18 @@ from hil.terminal import Found
 
 _PERIOD, _CORNER = 1e-3, 10.0
 #: Length of a session and of its first part [s], and of the identifying session.
-_SECONDS, LEARN, _IDENTIFY = 60.0, 40.0, 15.0
+_SECONDS, _LEARN, _IDENTIFY = 60.0, 40.0, 15.0
 #: Part of a session, and of its first part, that ``--quick`` takes.
 _QUICK = 0.5
 #: Force that counts as touch [N]; an instant near one is neither free nor touched.
 _TOUCH = 0.05
-ARM = "follower"
+_ARM = "follower"
 #: What the simulated arm hides in each condition.
 CONDITIONS: dict[str, list[dict[str, Any]]] = {
     "friction as the thesis assumes it": [],
     "cables over other joints' pulleys, Stribeck": [
-        {"effect": "coupled-friction", "arm": ARM, "joint": "all"},
-        {"effect": "stribeck", "arm": ARM, "joint": "all", "amplitude": 0.5},
+        {"effect": "coupled-friction", "arm": _ARM, "joint": "all"},
+        {"effect": "stribeck", "arm": _ARM, "joint": "all", "amplitude": 0.5},
     ],
 }
 _NETWORK = {"nodes": 80, "gain": 0.02}
@@ -97,7 +97,7 @@ class CableArmStudy:
     learnt: dict[str, float]
 
 
-def _estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, Any]]:
+def _estimators(model: RobotModel, learn: float = _LEARN) -> dict[str, dict[str, Any]]:
     """Tables ``[estimators]`` of the study, all with the identified rigid body of `model`."""
     pi = [float(x) for x in compensation_tables.rigid_parameters(model)]
     common = {"model": pi, "corner_hz": _CORNER}
@@ -109,7 +109,7 @@ def _estimators(model: RobotModel, learn: float = LEARN) -> dict[str, dict[str, 
         "filters": ("elastic-ukf", late),
         "both": ("elastic-ukf", {**late, "network": {**_NETWORK, "backbone": False}}),
     }
-    return {n: {"name": k, "arm": ARM, "parameters": p} for n, (k, p) in kinds.items()}
+    return {n: {"name": k, "arm": _ARM, "parameters": p} for n, (k, p) in kinds.items()}
 
 
 #: Estimator -> what it is, for people.
@@ -126,7 +126,7 @@ def study(
     seed: int = 1, report: Callable[[str], None] = lambda _: None, part: float = 1.0
 ) -> CableArmStudy:
     """All conditions, with sessions of a part of their length."""
-    seconds, learn = part * _SECONDS, part * LEARN
+    seconds, learn = part * _SECONDS, part * _LEARN
     rows: list[CableArmRow] = []
     stiffness: dict[str, list[float]] = {}
     learnt: dict[str, float] = {}
@@ -150,15 +150,15 @@ def session(
     hidden: Sequence[Mapping[str, Any]],
     seed: int,
     seconds: float = _SECONDS,
-    learn: float = LEARN,
+    learn: float = _LEARN,
 ) -> Path:
     """Identify the arm, then run all estimators beside the rig's own law."""
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
     runner.run(identify, _IDENTIFY, seed, "lockstep", first).enabled()
-    run = load(first, ARM)
-    model = fit([run], base_model(run.robot, ARM) - "torque-offset").model
+    run = load(first, _ARM)
+    model = fit([run], base_model(run.robot, _ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
     over = {"simulation": simulation, "estimators": _estimators(model, learn)}
@@ -166,9 +166,9 @@ def session(
     return path
 
 
-def judge(condition: str, path: Path, learn: float = LEARN) -> list[CableArmRow]:
+def judge(condition: str, path: Path, learn: float = _LEARN) -> list[CableArmRow]:
     """Errors of all estimators after what was learnt."""
-    run = load(path, ARM)
+    run = load(path, _ARM)
     if run.wrench is None:
         raise RuntimeError("a session of this rig has forces")
     force = run.wrench[:, :3]
@@ -229,8 +229,8 @@ def command(args: argparse.Namespace) -> Found:
     part = _QUICK if args.quick else 1.0
     s = study(args.seed, terminal.log, part)
     lines = [
-        f"Force on the tip without a sensor, {ARM} of the simulated rig, after "
-        f"{part * LEARN:g} s of learning in the loop"
+        f"Force on the tip without a sensor, {_ARM} of the simulated rig, after "
+        f"{part * _LEARN:g} s of learning in the loop"
     ]
     for condition in CONDITIONS:
         rows = [r for r in s.rows if r.condition == condition]

@@ -56,15 +56,15 @@ EFFECTS = (
     ("position-friction", "joint1"),
     ("asymmetric-viscous", "joint1"),
 )
-ARMS = ("leader", "follower")
+_ARMS = ("leader", "follower")
 MODELS = ("as built", "fitted", "diagnosed")
 LAWS = ("with sensors", "without")
 #: Motion of the operator's machine [Hz], [m]; gel [N/m^1.3]; length of a session on it [periods].
-HZ, SIZE, GEL, PERIODS, SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
+_HZ, _SIZE, _GEL, PERIODS, _SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
 IDENTIFIED_S = 20.0
 #: Shares of the modelled friction that are compensated; the largest with which all laws run.
 SHARES = (1.0, 0.8, 0.6)
-SEEDS, QUICK_SEEDS, QUICK_EFFECTS = 10, 2, 1
+_SEEDS, _QUICK_SEEDS, _QUICK_EFFECTS = 10, 2, 1
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def hidden(effect: str, joint: str) -> dict[str, Any]:
     """Table ``[simulation]`` of an effect in both arms."""
     if not effect:
         return {}
-    rows = [{"effect": effect, "arm": arm, "joint": joint, "amplitude": 1.0} for arm in ARMS]
+    rows = [{"effect": effect, "arm": arm, "joint": joint, "amplitude": 1.0} for arm in _ARMS]
     return {"hidden": rows}
 
 
@@ -120,7 +120,7 @@ def identifying(folder: Path, effect: str, joint: str, seed: int, motion: int) -
     return path
 
 
-def law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any]:
+def _law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any]:
     """Parameters of the law for these models; without any, the rig file's own arms."""
     settings = without_force_sensors.LAW | {"friction_share": share}
     if models:
@@ -140,7 +140,7 @@ def law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any]
 
 def rig_of(law: Mapping[str, Any], effect: str, joint: str, gel: float | None) -> RigConfig:
     """Rig with the effect, a machine on the leader, and a gel 20 mm above home or none."""
-    operator = {"kind": "mechanical", "frequency": HZ, "size": list(SIZE), "onset": 1.0}
+    operator = {"kind": "mechanical", "frequency": _HZ, "size": list(_SIZE), "onset": 1.0}
     below = 1.0 if gel is None else -0.02
     simulation = {"operator": operator, "gel": {"below_home": below, "stiffness": gel}}
     config = load_rig(rig_path("lawrence"), {"simulation": simulation | hidden(effect, joint)})
@@ -150,10 +150,10 @@ def rig_of(law: Mapping[str, Any], effect: str, joint: str, gel: float | None) -
 
 def felt(config: RigConfig, path: Path, seed: int) -> tuple[float, float]:
     """Rms of the force felt, and of it less the force on the follower, over whole periods [N]."""
-    runner.run(config, SETTLE + PERIODS / HZ, seed, "lockstep", path).enabled()
-    n = round(PERIODS / HZ / rig.PERIOD)
+    runner.run(config, _SETTLE + PERIODS / _HZ, seed, "lockstep", path).enabled()
+    n = round(PERIODS / _HZ / rig.PERIOD)
     forces = []
-    for arm, sign in zip(ARMS, (1.0, -1.0), strict=True):
+    for arm, sign in zip(_ARMS, (1.0, -1.0), strict=True):
         wrench = load(path, arm).wrench
         if wrench is None:
             raise RuntimeError("a session of this rig has forces")
@@ -172,7 +172,7 @@ def case(effect: str, joint: str, seed: int) -> CircleRow:
         paths = [identifying(folder, effect, joint, 10 * seed + k, 3 * seed + k) for k in (0, 1)]
         models: dict[str, dict[str, str]] = {m: {} for m in MODELS}
         found: dict[str, Diagnosis] = {}
-        for arm in ARMS:
+        for arm in _ARMS:
             one, other = (load(path, arm) for path in paths)
             d = found[arm] = diagnose([one], base_model(one.robot, arm), [other])
             # corrections without a name stay out: the loop compensates laws
@@ -229,10 +229,10 @@ def _sessions(
         try:
             for m, paths in models.items():
                 for kind in LAWS:
-                    law = law_of(paths, share, kind)
+                    law = _law_of(paths, share, kind)
                     path = folder / "teleop.mcap"
                     free[m][kind] = felt(rig_of(law, effect, joint, None), path, seed)[0]
-                    contact[m][kind] = felt(rig_of(law, effect, joint, GEL), path, seed)[1]
+                    contact[m][kind] = felt(rig_of(law, effect, joint, _GEL), path, seed)[1]
             return share, free, contact
         except (ConfigError, DeviceError, DataError) as error:
             why = str(error)
@@ -263,8 +263,8 @@ def study(
     report : callable
         Takes a line for every case that is done.
     """
-    effects = EFFECTS[:QUICK_EFFECTS] if quick else EFFECTS
-    seeds = range(seed, seed + (QUICK_SEEDS if quick else SEEDS))
+    effects = EFFECTS[:_QUICK_EFFECTS] if quick else EFFECTS
+    seeds = range(seed, seed + (_QUICK_SEEDS if quick else _SEEDS))
     todo = [(e, j, s) for e, j in (*effects, ("", "")) for s in seeds]
     rows = []
     context = multiprocessing.get_context("spawn")
@@ -332,7 +332,7 @@ def _interval(values: Sequence[float]) -> tuple[float, float]:
     return found.mean, found.half
 
 
-HEAD = ("hidden in both arms", "named", "error / floor", "law", "free [N]", "contact [N]")
+_HEAD = ("hidden in both arms", "named", "error / floor", "law", "free [N]", "contact [N]")
 
 
 def cells(found: Sequence[CircleSummary]) -> list[list[str]]:
@@ -382,7 +382,7 @@ def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
         f"{IDENTIFIED_S:g} s and judged on another.",
         "The diagnosis names what is missing and adds it, and the teleoperation law compensates "
         "what the model holds.",
-        f"A machine then moves the leader at {HZ:g} Hz, in free space and with the follower in a "
+        f"A machine then moves the leader at {_HZ:g} Hz, in free space and with the follower in a "
         "gel. *Free* is the force that",
         "the operator feels where nothing is touched. *Contact* is the rms of what is felt less "
         "what the gel does. Each cell",
@@ -392,8 +392,8 @@ def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
         "",
         f"![Force felt in free space]({picture})",
         "",
-        "| " + " | ".join(HEAD) + " |",
-        "|" + "---|" * len(HEAD),
+        "| " + " | ".join(_HEAD) + " |",
+        "|" + "---|" * len(_HEAD),
         *("| " + " | ".join(line) + " |" for line in cells(found)),
         "",
         *_read(found),
@@ -438,7 +438,7 @@ def command(args: argparse.Namespace) -> Found:
         terminal.write_page(args.report, page(rows, command, place.name))
         write_text(place, figure(found))
     text = (
-        f"{terminal.table(list(HEAD), cells(found))}\n"
+        f"{terminal.table(list(_HEAD), cells(found))}\n"
         "  newtons with the rig file's model -> the fitted base model -> the diagnosed model, "
         "+- 95 %"
     )

@@ -51,9 +51,9 @@ from hil.runtime import runner
 from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
-ARMS = ("leader", "follower")
+_ARMS = ("leader", "follower")
 #: Length of a session, and from when on it counts [s]: by then the hand's motion has its size.
-SECONDS, BEGUN = 12.0, 3.0
+_SECONDS, _BEGUN = 12.0, 3.0
 #: The forms of the law: name -> what differs from the rig file.
 ALONE, THROUGH, HELD = "goal alone", "goal through the incision", "held there"
 #: Stiffness [N/m] and damping [N s/m] of the tip with which every form may run.
@@ -68,7 +68,7 @@ FITTED, SOFT, STIFF = ", friction fitted", ", half as stiff", ", as stiff as the
 _EXPLAINED = 0.15
 #: Motion that shows friction: each joint a sine of its own frequency [1 / period], over that share
 #: of its range; the bandwidth that tracks it [Hz].
-PERIOD, _MULTIPLES, _SHARE, _BANDWIDTH = 12.0, (2, 3, 5, 4, 7, 6), 0.25, 5.0
+_PERIOD, _MULTIPLES, _SHARE, _BANDWIDTH = 12.0, (2, 3, 5, 4, 7, 6), 0.25, 5.0
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
     given = load_rig(rig_path("surgical"), {"simulation": {"truth_seed": seed}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        fed = {f"{arm}_friction": fitted(given, arm, folder, seed) for arm in ARMS}
+        fed = {f"{arm}_friction": fitted(given, arm, folder, seed) for arm in _ARMS}
         rows = []
         for form, law in FORMS.items():
             report(form)
@@ -137,7 +137,7 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
     own = given.controller.parameters
     friction = {
         arm: {"fed": list(own[f"{arm}_friction"]), "fitted": list(fed[f"{arm}_friction"])}
-        for arm in ARMS
+        for arm in _ARMS
     }
     return IncisionStudy(rows, friction)
 
@@ -159,7 +159,7 @@ def fitted(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
     middle = np.tile(limits.center, (2, 1))
     path = folder / f"{arm}.toml"
     motion = Trajectory(
-        tuple(told.joints), ("rad",) * d, PERIOD, np.array([0.0, PERIOD]), middle, np.ones(2),
+        tuple(told.joints), ("rad",) * d, _PERIOD, np.array([0.0, _PERIOD]), middle, np.ones(2),
         series,
     )  # fmt: skip
     write_trajectory(motion, path)
@@ -171,7 +171,7 @@ def fitted(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
     still = {"truth_seed": rig.simulation["truth_seed"]}
     alone = replace(rig, controller=ControllerConfig("joint-pd", (arm,), law), simulation=still)
     recorded = folder / f"{arm}.mcap"
-    runner.run(alone, 1.0 + PERIOD, seed, "lockstep", recorded).enabled()
+    runner.run(alone, 1.0 + _PERIOD, seed, "lockstep", recorded).enabled()
     run = load(recorded, arm)
     values = verbs.fit([run], base_model(run.robot, arm)).model.values()
     return [max(0.0, values[f"j{k + 1}.coulomb.fc"].value) for k in range(d)]
@@ -184,8 +184,8 @@ def session(
     own = replace(rig.controller, parameters={**rig.controller.parameters, **law})
     config, seen = replace(rig, controller=own), _Seen()
     path = folder / "session.mcap"
-    runner.run(config, SECONDS, seed, "lockstep", path, opener=seen.open).enabled()
-    begun = round(BEGUN / SECONDS * len(seen.rows))
+    runner.run(config, _SECONDS, seed, "lockstep", path, opener=seen.open).enabled()
+    begun = round(_BEGUN / _SECONDS * len(seen.rows))
     off, wall, felt, hand, tip, axes = (np.array(x) for x in zip(*seen.rows, strict=True))
     controller: Any = build_controller(config)
     topic = read(path).topics["/controller/state"]
@@ -236,7 +236,7 @@ class _Seen:
     def open(self, config: RigConfig, seed: int) -> Rig:
         """As `open_rig`."""
         rig = open_rig(config, seed)
-        hand, tool = (rig.bench.arms[arm].touched[0] for arm in ARMS)
+        hand, tool = (rig.bench.arms[arm].touched[0] for arm in _ARMS)
         fields = [tool["wall_off"], tool["wall_force"], hand["hand_force"]]
         fields += [hand["tip"], tool["tip"], tool["axes"]]
         rig.bench.after.append(lambda _: self.rows.append(tuple(x.copy() for x in fields)))
@@ -261,7 +261,7 @@ def command(args: argparse.Namespace) -> Found:
     ]
     text = terminal.table(PAGE.head, cells) + "\n\nCoulomb friction by joint [N m]\n"
     text += terminal.table(
-        ["", *(str(k + 1) for k in range(len(s.friction[ARMS[0]]["fed"])))],
+        ["", *(str(k + 1) for k in range(len(s.friction[_ARMS[0]]["fed"])))],
         [
             [f"{arm}, {what}", *(f"{v:.3g}" for v in values)]
             for arm, both in s.friction.items()

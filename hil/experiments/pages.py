@@ -196,7 +196,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 # ------------------------------------------------------------ figures
 
-COLOURS = ("#c2c8d0", "#6f9bd1", "#1f5fa8", "#e0a458", "#8a4f7d")
+_COLOURS = ("#c2c8d0", "#6f9bd1", "#1f5fa8", "#e0a458", "#8a4f7d")
 _WIDE, _HIGH, _LEFT, _TOP, _LINE = 900, 340, 60, 40, 15
 
 
@@ -220,11 +220,13 @@ def bars(title: str, series: Sequence[str], groups: Mapping[str, Sequence[SeedMe
     for i, values in enumerate(groups.values()):
         w = (step - 24) / len(series)
         for k, s in enumerate(values):
-            parts += _bar(_LEFT + step * i + 12 + k * w, w - 4, s, most, COLOURS[k % len(COLOURS)])
+            parts += _bar(
+                _LEFT + step * i + 12 + k * w, w - 4, s, most, _COLOURS[k % len(_COLOURS)]
+            )
     parts += under
     x = float(_LEFT)
     for k, name in enumerate(series):
-        colour = COLOURS[k % len(COLOURS)]
+        colour = _COLOURS[k % len(_COLOURS)]
         parts.append(f'<rect x="{x:.0f}" y="{below + 8}" width="14" height="14" fill="{colour}"/>')
         parts.append(f'<text x="{x + 20:.0f}" y="{below + 20}">{_safe(name)}</text>')
         x += 50 + 7.5 * len(name)

@@ -43,7 +43,7 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.terminal import Found
 from hil.toml import parse
 
-HZ, _TRIALS, _QUICK_TRIALS = 1.0, 6, 1
+_HZ, _TRIALS, _QUICK_TRIALS = 1.0, 6, 1
 #: Stiffness of the gel, and over the bolt [N/m^1.3].
 _GEL, _BOLT = 250.0, 400.0
 #: Named designs beside the optimised one: the measure, half as stiff as that may be, and one that
@@ -148,7 +148,7 @@ def palpate(
     trials: int,
 ) -> PalpationRow:
     """Trials on gel and bolt with one controller."""
-    h = rig.predicted(law, np.array([HZ]))[0]
+    h = rig.predicted(law, np.array([_HZ]))[0]
     found, expected = [], []
     for trial in range(trials):
         zt, ze = np.array(
@@ -171,7 +171,7 @@ def palpate(
 
 #: Strokes across the bolt: their frequency [Hz], how far to either side [m], force down [N],
 #: length of a session [s], and the gel without the bolt [N/m^1.3].
-STROKE_HZ, _REACH, _PRESSED, _STROKES_S, _SOFT = 0.25, 0.02, 0.8, 8.0, 250.0
+_STROKE_HZ, _REACH, _PRESSED, _STROKES_S, _SOFT = 0.25, 0.02, 0.8, 8.0, 250.0
 #: Above the bolt and beside it: distance from its middle [m].
 _ABOVE, _BESIDE = 0.002, (0.014, 0.018)
 #: Force from which the follower touches [N].
@@ -182,12 +182,12 @@ def stroke(
     law: Mapping[str, Any], folder: Path, seed: int, trials: int
 ) -> tuple[tuple[float, ...], float]:
     """Sigma of strokes at constant force across a bolt in the gel, and what is predicted."""
-    h = rig.predicted(law, np.array([HZ]))[0]
+    h = rig.predicted(law, np.array([_HZ]))[0]
     found, expected = [], []
     for trial in range(trials):
         zt, ze = stroked(law, folder, seed + 10 * trial)
         found.append(float(abs((zt[1] - zt[0]) / (ze[1] - ze[0]))))
-        crossed = np.array(ze) / (2j * np.pi * HZ)
+        crossed = np.array(ze) / (2j * np.pi * _HZ)
         expected.append(float(abs(h[0, 1] * h[1, 0] / np.prod(1 + h[1, 1] * crossed))))
     return tuple(found), float(np.mean(expected))
 
@@ -217,7 +217,7 @@ def stroked(
 def stroking(law: Mapping[str, Any]) -> RigConfig:
     """Rig with a machine that strokes across a bolt in the gel and presses down."""
     operator = {
-        "kind": "stroking", "frequency": 2 * STROKE_HZ, "size": [0.0, _REACH, 0.0],
+        "kind": "stroking", "frequency": 2 * _STROKE_HZ, "size": [0.0, _REACH, 0.0],
         "force": _PRESSED,
     }  # fmt: skip
     gel = {"below_home": 0.005, "stiffness": _SOFT, "bolt": {"place": 0.0}}
@@ -232,9 +232,9 @@ def impedances(
 ) -> tuple[complex, complex]:
     """Transmitted and environment's impedance of one run [N s/m]."""
     path = folder / "palpation.mcap"
-    seconds = rig.SETTLE + rig.PERIODS / HZ
-    runner.run(rig.config_of(law, HZ, stiffness), seconds, seed, "lockstep", path).enabled()
-    y, u = (x.mean(0) for x in rig.cut(path, HZ).spectra(1))
+    seconds = rig.SETTLE + rig.PERIODS / _HZ
+    runner.run(rig.config_of(law, _HZ, stiffness), seconds, seed, "lockstep", path).enabled()
+    y, u = (x.mean(0) for x in rig.cut(path, _HZ).spectra(1))
     # y = (f_m, -v_s), u = (v_m, f_s)
     return complex(y[0] / u[0]), complex(-u[1] / y[1])
 
@@ -326,7 +326,7 @@ def command(args: argparse.Namespace) -> Found:
     ]
     text = (
         "Sensitivity by palpation of a bolt in a gel: share of the change of the environment's "
-        f"impedance\nthat reaches the operator, {HZ:g} Hz, {len(rows[0].measured)} "
+        f"impedance\nthat reaches the operator, {_HZ:g} Hz, {len(rows[0].measured)} "
         f"trials (a pen in the hand: 1)\n{terminal.table(head, cells)}\n"
         "  design: weighted tangent at the law's environment, 300 N/m, another measure\n"
         "  stroke: across a bolt in the gel with a constant force down, force over depth\n"

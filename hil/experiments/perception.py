@@ -35,11 +35,11 @@ from hil.terminal import Found
 
 SO, FREE, MEASURE, PEN = "with force sensors", "without", "benchmark", "pen"
 #: Gel, and bolts that subjects look for [N/m^1.3].
-GEL = 250.0
+_GEL = 250.0
 BOLTS = {"bolt of the palpation study": 400.0, "stiff bolt": 900.0}
 EQUAL = f"{SO} = {FREE}"
 #: Weber fractions of stiffness over subjects; attention lost; cells that may hold the bolt.
-_WEBER, _LAPSE, CELLS = (0.15, 0.23), 0.02, 4
+_WEBER, _LAPSE, _CELLS = (0.15, 0.23), 0.02, 4
 #: A small test (the thesis tells no numbers), and trials a controller of one that can decide.
 SUBJECTS, TRIALS, MANY = 10, 3, 40
 #: Level of the tests, wanted power, margin of equality in the share that is right.
@@ -94,7 +94,7 @@ def study(
 
 def signals(seed: int, report: Callable[[str], None], trials: int) -> dict[str, dict[str, Felt]]:
     """What each controller lets feel of each bolt, from sessions on the simulated rig."""
-    places = (GEL, *BOLTS.values())
+    places = (_GEL, *BOLTS.values())
     sizes: dict[str, FloatArray] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -134,7 +134,7 @@ def _felt(logs: FloatArray, bolt: int) -> Felt:
 # ---------------------------------------------------------------- subjects and tests
 
 
-def found_share(index: Any, cells: int = CELLS) -> Any:
+def found_share(index: Any, cells: int = _CELLS) -> Any:
     """Share of bolts that a subject finds among cells, by d'."""
     x = np.linspace(-8.0, 16.0, 1201)
     density = stats.norm.pdf(x - np.asarray(index)[..., None]) * stats.norm.cdf(x) ** (cells - 1)

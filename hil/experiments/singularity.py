@@ -31,7 +31,7 @@ from hil.teleop.hybrid import FloatArray, Impedance
 from hil.teleop.sampled_loop import Cable, SampledLoop, dominant_mode
 from hil.terminal import Found
 
-PERIOD, _SUBSTEPS, _SECONDS = 1e-3, 8, 5.0
+_PERIOD, _SUBSTEPS, _SECONDS = 1e-3, 8, 5.0
 #: Hand's motion [Hz], [m]; the gel's surface is at zero.
 _HZ, _SIZE = 1.0, 0.012
 #: Law: motion gains [N/m], [N s/m], local force gains, corner of the speed's filter [Hz].
@@ -76,7 +76,7 @@ class Hardware:
 
 BASE = Hardware()
 #: Factor -> level -> hardware; one thing differs from `BASE` at a time.
-FACTORS: Mapping[str, Mapping[str, Hardware]] = {
+_FACTORS: Mapping[str, Mapping[str, Hardware]] = {
     "friction model": {
         f"{100 * s:.0f} % known": replace(BASE, friction=s) for s in (0.0, 0.5, 1.0, 1.1)
     },
@@ -134,8 +134,8 @@ def design(kappa: float) -> Design:
 
 def study(seed: int = 1, kappas: FloatArray = KAPPAS) -> list[SingularityRow]:
     """All conditions with the plant of one seed."""
-    names = [("", AS_BUILT), *((f, level) for f, levels in FACTORS.items() for level in levels)]
-    wares = [BASE, *(h for levels in FACTORS.values() for h in levels.values())]
+    names = [("", AS_BUILT), *((f, level) for f, levels in _FACTORS.items() for level in levels)]
+    wares = [BASE, *(h for levels in _FACTORS.values() for h in levels.values())]
     stable, accurate = verdicts(wares, seed, kappas)
     rows = []
     for (factor, level), ware, runs, right in zip(names, wares, stable, accurate, strict=True):
@@ -157,14 +157,14 @@ def linear(ware: Hardware, kappas: FloatArray = KAPPAS) -> float:
     """Largest kappa whose eigenvalues are stable with the seeds' middle hand and gel."""
     if ware.accelerometer:
         return float("nan")
-    late = ware.delay * PERIOD
+    late = ware.delay * _PERIOD
     real = Realisation(_VELOCITY_HZ, ware.corner, 60.0, late, late)
     hand, cable = Impedance(0.25, 3.0, 120.0), Cable(*_CABLE, _ROTOR)
 
     def good(kappa: float) -> bool:
         loop = SampledLoop(design(kappa), real, cable=cable, friction=(_VISCOUS, _VISCOUS))
         pairs = (Impedance(0.0, 0.0, 0.0), Impedance(0.0, 1.5, 350.0))
-        return all(dominant_mode(loop, hand, ze, PERIOD)[0] <= 1.0 + gate.GROWTH for ze in pairs)
+        return all(dominant_mode(loop, hand, ze, _PERIOD)[0] <= 1.0 + gate.GROWTH for ze in pairs)
 
     low, high = 0, len(kappas)
     while low < high:
@@ -179,9 +179,9 @@ def linear(ware: Hardware, kappas: FloatArray = KAPPAS) -> float:
 def verdicts(wares: Sequence[Hardware], seed: int, kappas: FloatArray) -> tuple[Any, Any]:
     """Whether each condition (rows) is stable and accurate with each kappa (columns)."""
     lanes = _Lanes(wares, seed, kappas)
-    ticks = round(_SECONDS / PERIOD)
+    ticks = round(_SECONDS / _PERIOD)
     for k in range(ticks):
-        lanes.tick(k, watched=k * PERIOD >= 2.0)
+        lanes.tick(k, watched=k * _PERIOD >= 2.0)
     shape = (len(wares), len(kappas))
     shake, wrong = lanes.found()
     stable = ~lanes.lost & (shake < _SHAKE)
@@ -200,7 +200,7 @@ class _Lanes:
             return np.repeat([float(getattr(w, name)) for w in wares], each)
 
         self.known, self.step, self.late = of("friction"), of("step"), of("delay").astype(int)
-        self.alpha = 1 - np.exp(-2 * np.pi * of("corner") * PERIOD)
+        self.alpha = 1 - np.exp(-2 * np.pi * of("corner") * _PERIOD)
         where = np.repeat([("", "motor", "tip").index(w.accelerometer) for w in wares], each)
         self.motor, self.tip = where == 1, where == 2
 
@@ -244,10 +244,10 @@ class _Lanes:
         """What the law sees: place, speed, acceleration, (3, arms, lanes)."""
         x = np.where(self.step > 0, np.floor(self.xr / np.maximum(self.step, 1e-9)) * self.step,
                      self.xr)  # fmt: skip
-        raw = np.zeros_like(x) if self.past is None else (x - self.past) / PERIOD
-        self.v += (1 - np.exp(-2 * np.pi * _VELOCITY_HZ * PERIOD)) * (raw - self.v)
+        raw = np.zeros_like(x) if self.past is None else (x - self.past) / _PERIOD
+        self.v += (1 - np.exp(-2 * np.pi * _VELOCITY_HZ * _PERIOD)) * (raw - self.v)
         told = np.where(self.motor, self.ar, self.at) + _NOISE * self.rng.normal(size=(2, 1))
-        a = np.where(self.motor | self.tip, told, (raw - self.raw) / PERIOD)
+        a = np.where(self.motor | self.tip, told, (raw - self.raw) / _PERIOD)
         self.a += self.alpha * (a - self.a)
         self.past, self.raw = x, raw
         return np.stack([x + 0.25 * _SIZE, self.v, self.a])
@@ -280,11 +280,11 @@ class _Lanes:
 
     def _move(self, k: int, u: Any) -> Any:
         """The plant over one period; forces f_m on the master, f_s by the slave [N]."""
-        dt, (mh, bh, kh), (kg, bg) = PERIOD / _SUBSTEPS, self.hand, self.gel
+        dt, (mh, bh, kh), (kg, bg) = _PERIOD / _SUBSTEPS, self.hand, self.gel
         last = self.vr.copy(), self.vt.copy()
         forces = np.zeros_like(u)
         for j in range(_SUBSTEPS):
-            w, t = 2 * np.pi * _HZ, (k + j / _SUBSTEPS) * PERIOD
+            w, t = 2 * np.pi * _HZ, (k + j / _SUBSTEPS) * _PERIOD
             up = min(t, 1.0)
             goal, speed = _SIZE * up * np.sin(w * t), _SIZE * up * w * np.cos(w * t)
             stretch = _CABLE[0] * (self.xr - self.xt) + _CABLE[1] * (self.vr - self.vt)
@@ -300,12 +300,12 @@ class _Lanes:
             self.xr = self.xr + dt * self.vr
             self.xt = self.xt + dt * self.vt
             forces += np.stack([hand - mh * rate[0], gel]) / _SUBSTEPS
-        self.ar, self.at = (self.vr - last[0]) / PERIOD, (self.vt - last[1]) / PERIOD
+        self.ar, self.at = (self.vr - last[0]) / _PERIOD, (self.vt - last[1]) / _PERIOD
         return forces
 
     def _rubbed(self, push: Any, slope: Any) -> Any:
         """Speed v with v + dt/m friction(v) = push, by Newton steps that a bracket keeps."""
-        gain = PERIOD / _SUBSTEPS / _ROTOR
+        gain = _PERIOD / _SUBSTEPS / _ROTOR
         low, high = np.minimum(push, 0.0), np.maximum(push, 0.0)
         v = push / (1 + slope)
         for _ in range(3):
@@ -321,7 +321,7 @@ class _Lanes:
         """Sums for shaking above 15 Hz, and for the error of the estimates."""
         fast = self.vr
         for slow in self.slow:  # two high-passes in a row
-            slow += (1 - np.exp(-2 * np.pi * _SHAKE_HZ * PERIOD)) * (fast - slow)
+            slow += (1 - np.exp(-2 * np.pi * _SHAKE_HZ * _PERIOD)) * (fast - slow)
             fast = fast - slow
         # the transform holds no force: what moves the robot less what was asked of it
         masses = np.array(_MASSES)[:, None]
@@ -330,7 +330,7 @@ class _Lanes:
 
     def found(self) -> tuple[Any, Any]:
         """Speed above 15 Hz [m/s] rms, and the error of the forces over their rms; (lanes,)."""
-        watched = round((_SECONDS - 2.0) / PERIOD)
+        watched = round((_SECONDS - 2.0) / _PERIOD)
         shake, wrong, size = self.sums
         share = np.sqrt(wrong.sum(0) / np.maximum(size.sum(0), 1e-12))
         return np.sqrt(shake.max(0) / watched), share

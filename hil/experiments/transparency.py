@@ -42,7 +42,7 @@ from hil.toml import parse
 
 PERIOD = 1e-3
 #: Frequencies of the leader's motion [Hz]; whole numbers of samples a period.
-HZ, QUICK_HZ = (0.5, 1.0, 2.0, 4.0), (1.0, 4.0)
+_HZ, _QUICK_HZ = (0.5, 1.0, 2.0, 4.0), (1.0, 4.0)
 PERIODS, SETTLE = 5, 2.0
 #: Gel under the tip: none, then two stiffnesses [N/m^1.3], 20 mm above the tip's rest.
 _GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
@@ -205,13 +205,13 @@ class ShownDesign:
     wish: Mapping[str, float]
     law: Mapping[str, float] = field(default_factory=dict)
     accelerations: bool = True
-    hz: tuple[float, ...] = HZ
+    hz: tuple[float, ...] = _HZ
 
     @classmethod
     def whole(cls, name: str, stiffness: float, damping: float, local: float) -> ShownDesign:
         """One that hands over the whole force, from 1 Hz on; forces through a quick filter."""
         wish, law = _both(stiffness, damping, local), {"force_hz": 100.0}
-        return cls(name, wish, law, accelerations=False, hz=HZ[1:])
+        return cls(name, wish, law, accelerations=False, hz=_HZ[1:])
 
 
 def _both(stiffness: float, damping: float, local: float) -> dict[str, float]:
@@ -249,7 +249,7 @@ def law_of(shown: ShownDesign, models: Mapping[str, str]) -> dict[str, Any]:
 
 
 def study(
-    seed: int = 1, report: Callable[[str], None] = lambda _: None, hz: tuple[float, ...] = HZ
+    seed: int = 1, report: Callable[[str], None] = lambda _: None, hz: tuple[float, ...] = _HZ
 ) -> list[TransparencyRow]:
     """All designs at those of the frequencies that they are for."""
     rows: list[TransparencyRow] = []
@@ -301,7 +301,7 @@ def worst(rows: list[TransparencyRow], entry: str) -> float:
 
 def command(args: argparse.Namespace) -> Found:
     """The hybrid matrix that sessions show, against the prediction."""
-    rows = study(args.seed, terminal.log, QUICK_HZ if args.quick else HZ)
+    rows = study(args.seed, terminal.log, _QUICK_HZ if args.quick else _HZ)
     cells = [
         [
             f"{r.design} {r.entry}",
@@ -385,10 +385,10 @@ def _page_read(found: Means) -> list[str]:
         f"difference is {worst('h12'):.1f} % of h12 and {worst('h21'):.1f} % of h21; for the "
         f"classic designs {worst('h22', classic):.1f} % of h22 and {worst('h11', classic):.0f} % "
         "of h11.",
-        f"Transparent is h12 = 1, |h21| = 1, h11 = h22 = 0. Measured from {HZ[1]:g} to {HZ[-1]:g} "
-        f"Hz, with the whole force handed over: {shown}; h22 at most {lost:.2g} m/(N s), for "
-        f"{max(sizes(classic[0], 'h22')):.2g} of position-error. So little is left of h22 that its "
-        f"prediction is off by up to {worst('h22', whole):.0f} % of it.",
+        f"Transparent is h12 = 1, |h21| = 1, h11 = h22 = 0. Measured from {_HZ[1]:g} to "
+        f"{_HZ[-1]:g} Hz, with the whole force handed over: {shown}; h22 at most {lost:.2g} "
+        f"m/(N s), for {max(sizes(classic[0], 'h22')):.2g} of position-error. So little is "
+        f"left of h22 that its prediction is off by up to {worst('h22', whole):.0f} % of it.",
         "What keeps them from 1 and 0: their terms of acceleration are left out, since the cables "
         "bear them behind a slow filter only. What is missed grows with frequency.",
         "Redundancy: the thesis' conditions leave the local gains free. Two sets of them, with "
@@ -413,5 +413,5 @@ PAGE = StudyPage(
     "h12 and |h21| at 1 Hz, where 1 is transparent",
     (0, 1),
     lambda name: name.endswith((", h12, 1 Hz", ", h21, 1 Hz")),
-    quick=f"{len(QUICK_HZ)} frequencies of {len(HZ)}",
+    quick=f"{len(_QUICK_HZ)} frequencies of {len(_HZ)}",
 )

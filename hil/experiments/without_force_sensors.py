@@ -25,7 +25,7 @@ from hil.teleop import force_sensor_free, hybrid, law_parameters
 from hil.teleop.architecture import Design, MotionTerm, RobotImpedance
 from hil.terminal import Found
 
-HZ, QUICK_HZ = (0.5, 1.0, 2.0, 4.0), (0.5, 4.0)
+_HZ, _QUICK_HZ = (0.5, 1.0, 2.0, 4.0), (0.5, 4.0)
 #: The acceleration acts on the light motor side of the cables: 5 Hz is what it bears.
 LAW = {"acceleration_hz": 5.0, "velocity_hz": 80.0, "force_hz": 60.0}
 
@@ -107,7 +107,7 @@ def designs(axes: Any, share: float = 0.3) -> list[Design]:
 
 
 def study(
-    seed: int = 1, report: Callable[[str], None] = lambda _: None, hz: tuple[float, ...] = HZ
+    seed: int = 1, report: Callable[[str], None] = lambda _: None, hz: tuple[float, ...] = _HZ
 ) -> SensorFreeStudy:
     """Both controllers at all frequencies."""
     with tempfile.TemporaryDirectory() as name:
@@ -195,7 +195,7 @@ def _refusal(axes: Any) -> str:
 
 def command(args: argparse.Namespace) -> Found:
     """A law with force sensors against its transform that needs none."""
-    s = study(args.seed, terminal.log, QUICK_HZ if args.quick else HZ)
+    s = study(args.seed, terminal.log, _QUICK_HZ if args.quick else _HZ)
     cells = [
         [
             f"{r.hz:g}",
@@ -276,5 +276,5 @@ PAGE = StudyPage(
     _page_read,
     "Difference of the two laws [% of the entry]",
     (0, 1, 2, 3),
-    quick=f"{len(QUICK_HZ)} frequencies of {len(HZ)}",
+    quick=f"{len(_QUICK_HZ)} frequencies of {len(_HZ)}",
 )

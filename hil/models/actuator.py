@@ -280,7 +280,7 @@ class Differential(Effect):
 KNEES = {0.0: ("clipped", 0.98, 10), 4.0: ("a round knee", 1.8, 9), 2.0: ("gradually", 4.0, 9)}
 #: Share of the rows below the least limit: beyond a limit an effort tells nothing, and with too
 #: many such rows nothing is left to be explained.
-FREE = 0.8
+_FREE = 0.8
 #: Least limit of iron that saturates gradually, as a share of the largest effort: 38 % is lost
 #: there.  Half: friction under load is one, for both bend with the effort; 1.25: drives that lose
 #: 30 % go unnamed.
@@ -295,7 +295,7 @@ LEAK = 0.01
 #: unnamed; double: two drives of one beam, which push against each other, leak into each other.
 MOST_LEAK = 0.5
 #: Share of the largest effort that either direction must ask for, so that they can be compared.
-ASKED = 0.2
+_ASKED = 0.2
 #: Order of the polynomial of two positions that a leak is set against.
 CUBIC = 3
 
@@ -376,7 +376,7 @@ class TorqueSaturation(Effect):
 def least_limit(size: FloatArray, order: float) -> float:
     """Least limit worth trying for efforts of these sizes (n,) and a knee of this order."""
     top = max(float(size.max(initial=0.0)), 1e-12)
-    return DEEP * top if order == 2.0 else max(float(np.quantile(size, FREE)), 1e-3 * top)
+    return DEEP * top if order == 2.0 else max(float(np.quantile(size, _FREE)), 1e-3 * top)
 
 
 def given(wanted: FloatArray, limit: float, order: float) -> FloatArray:
@@ -394,7 +394,7 @@ DEAD = 0.01
 #: Largest share of the efforts that lie within it: a drive that lets less through hardly moves.
 #: Half: the zone of a valve at small loads goes unnamed; double: what is missing is a part of the
 #: command, and explains itself within a wide zone.
-INSIDE = 0.25
+_INSIDE = 0.25
 #: Share of the time in which effort and speed have opposite signs, at least: where they never have,
 #: a dead zone is friction.  Half: friction of another form is a dead zone; double: motors that
 #: brake little get none.
@@ -407,7 +407,7 @@ def _widths(motion: Motion, j: int) -> tuple[float, float]:
     """Least and largest half width that is tried."""
     size = np.abs(motion.tau[:, j])
     least = DEAD * max(float(size.max(initial=0.0)), 1e-12)
-    return least, max(float(np.quantile(size, INSIDE)) if size.size else 0.0, 2 * least)
+    return least, max(float(np.quantile(size, _INSIDE)) if size.size else 0.0, 2 * least)
 
 
 def _dead_zone_grid(motion: Motion, j: int) -> Shapes:
@@ -478,7 +478,7 @@ def _asymmetric_gain_lacks(motion: Motion, j: int) -> str:
     """In one direction alone the size of the effort is the effort."""
     tau = motion.tau[:, j]
     up, down = float(np.max(tau, initial=0.0)), float(np.max(-tau, initial=0.0))
-    return "" if min(up, down) > ASKED * max(up, down) else "the efforts are of one direction"
+    return "" if min(up, down) > _ASKED * max(up, down) else "the efforts are of one direction"
 
 
 def _asymmetric_gain_felt(f: Fitted) -> bool:

@@ -446,9 +446,9 @@ LEAST_EIGENVALUE = 1e-9
 #: Relative change of the efforts up to which it is the data that leave the bodies open.
 UNCHANGED = 1e-6
 #: Weight of the description where the efforts say nothing, and of its floor in each parameter.
-DESCRIBED, DESCRIBED_FLOOR = 1e-4, 1e-3
+_DESCRIBED, _DESCRIBED_FLOOR = 1e-4, 1e-3
 #: Least pseudo-inertia in shares of the description's, and most evaluations of a search.
-INSIDE, EVALUATIONS = 1e-4, 400
+_INSIDE, _EVALUATIONS = 1e-4, 400
 #: Largest factor of the description's pseudo-inertia's root.
 FARTHEST_FACTOR = 1e4
 _ROWS, _COLUMNS = np.tril_indices(4)
@@ -519,7 +519,7 @@ class _BodySearch:
         most = np.abs(start).max(axis=1, keepdims=True)
         roots = [np.linalg.cholesky(pseudo_inertia(b)) for b in start]
         self.roots: list[FloatArray] = [np.asarray(x, dtype=np.float64) for x in roots]
-        self.ease: FloatArray = DESCRIBED / (np.abs(start) + DESCRIBED_FLOOR * most).reshape(-1)
+        self.ease: FloatArray = _DESCRIBED / (np.abs(start) + _DESCRIBED_FLOOR * most).reshape(-1)
 
     def bodies(self, u: FloatArray) -> FloatArray:
         """Bodies (b, 10) of parameters (10 b,)."""
@@ -529,7 +529,7 @@ class _BodySearch:
     def optimum(self, u: FloatArray, pull: float) -> FloatArray:
         """Best parameters with so much of the description's pull."""
         found = scipy.optimize.least_squares(
-            self._residual, u, self._slope, method="lm", max_nfev=EVALUATIONS, args=(pull,)
+            self._residual, u, self._slope, method="lm", max_nfev=_EVALUATIONS, args=(pull,)
         )
         return np.asarray(found.x, dtype=np.float64)
 
@@ -571,7 +571,7 @@ def _made(x: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
     v = np.zeros((4, 4))
     # a trial step along what no effort sees may go anywhere; it is refused, but must be a number
     v[_ROWS, _COLUMNS] = np.clip(x, -FARTHEST_FACTOR, FARTHEST_FACTOR)
-    body = parameters(root @ (v @ v.T + INSIDE * np.eye(4)) @ root.T)
+    body = parameters(root @ (v @ v.T + _INSIDE * np.eye(4)) @ root.T)
     slope = np.zeros((10, 10))
     for k, (a, b) in enumerate(zip(_ROWS, _COLUMNS, strict=True)):
         d = np.zeros((4, 4))

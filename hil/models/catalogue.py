@@ -72,7 +72,7 @@ def table() -> dict[str, Effect]:
     if not _table:
         for name in MODULES:
             _add(importlib.import_module(name), name)
-        for point in entry_points(group=GROUP):
+        for point in entry_points(group=_GROUP):
             _add(point.load(), point.value)
     return _table
 
@@ -177,7 +177,7 @@ def load_files(paths: Iterable[str]) -> None:
 #: What a class may not leave out.
 NEEDED = ("name", "family", "doc")
 #: Part -> its type, how it is written, its default, and what was an attribute of its own once.
-PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
+_PARTS: dict[str, tuple[type, str, object, tuple[str, ...]]] = {
     "doc": (
         Doc,
         "Doc(equation=..., signature=..., shown_by=..., source=...)",
@@ -254,7 +254,7 @@ def misdeclared(effect: Effect) -> str:
     missing = [name for name in NEEDED if not hasattr(kind, name)]
     if missing:
         return f"{kind.__name__} has no {', no '.join(missing)}; docs/own-effects.md shows one"
-    for part, (expected, written, _, _) in PARTS.items():
+    for part, (expected, written, _, _) in _PARTS.items():
         value = getattr(kind, part)
         if not isinstance(value, expected):
             return f"{kind.__name__}.{part} is {value!r}, expected {written}"
@@ -265,7 +265,7 @@ def misdeclared(effect: Effect) -> str:
 
 def _old(kind: type[Effect]) -> Iterator[str]:
     """Where attributes of an earlier declaration belong, part by part."""
-    for part, (_, written, default, names) in PARTS.items():
+    for part, (_, written, default, names) in _PARTS.items():
         unset = getattr(kind, part, None) == default
         # a function of such a name may be what a part was made of
         found = [n for n in names if hasattr(kind, n) and (unset or not _callable(kind, n))]
@@ -279,7 +279,7 @@ def _callable(kind: type[Effect], name: str) -> bool:
 
 
 #: Entry points of installed packages with effects.
-GROUP = "hil.effects"
+_GROUP = "hil.effects"
 
 
 def load_installed() -> None:
@@ -291,7 +291,7 @@ def load_installed() -> None:
         table()
         return
     except Exception:  # said below, package by package
-        points = list(entry_points(group=GROUP))
+        points = list(entry_points(group=_GROUP))
     for point in points:
         try:
             _put(point)

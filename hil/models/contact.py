@@ -158,7 +158,7 @@ class ContactHardening(_ContactLaw):
 
 
 @numba.njit(cache=True, nogil=True)
-def slip_state(x: FloatArray, width: float) -> FloatArray:
+def _slip_state(x: FloatArray, width: float) -> FloatArray:
     """Elastoplastic element: z follows x but saturates, z <- clip(z + dx, -width, width)."""
     z = np.zeros(x.size)
     for k in range(1, x.size):
@@ -191,7 +191,7 @@ class ContactHysteresis(_ContactLaw):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-side z(d; r)."""
         depth, side = penetration(motion, j)
-        return (-side * slip_state(depth, float(shape[0])))[:, None]
+        return (-side * _slip_state(depth, float(shape[0])))[:, None]
 
 
 def _contact_inclusion_grid(motion: Motion, j: int) -> Shapes:

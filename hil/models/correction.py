@@ -36,29 +36,29 @@ from hil.models.motion import FloatArray, Motion
 RANGE_FACTOR = 1.05
 #: Degree of a function of the position.  Half: a joint's cable or foam needs two corrections;
 #: double: runs that go a little further than the fitted ones are foretold worse than without.
-DEGREE = 4
+_DEGREE = 4
 #: Displacements at which the elements of a hysteresis slip, as multiples of the least one.
-WIDER = (1.0, 3.0, 9.0)
+_WIDER = (1.0, 3.0, 9.0)
 #: Times in which something follows the position [s].
-TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
+_TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
 #: Share of the shortest run that such a time may take.  What was before a run is not known: after
 #: three times that is forgotten, and three quarters of the run are left to show the past.
 REMEMBERED = 1 / 12
 #: Speeds between which a function of the speed is linear, in rms speeds: of what changes its sign
 #: with the speed, and of what does not.  Half as many: a brake that fades is not followed; twice as
 #: many: a stroke or two do not determine it.
-ODD = (0.0, 0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.4)
-EVEN = (0.0, 0.3, 1.0, 2.4)
+_ODD = (0.0, 0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.4)
+_EVEN = (0.0, 0.3, 1.0, 2.4)
 
 #: Pieces of a function of the position in detail, and the length of one in halves of the range.
 #: Half: it follows no more than a polynomial does; double: a stroke or two do not determine it.
-KNOTS = 16
-WIDTH = 2.0 / KNOTS
+_KNOTS = 16
+_WIDTH = 2.0 / _KNOTS
 #: Waves of a function of the angle within a turn.  Half: it follows no cam; double: what it holds
 #: is a motor's, which has a name.
-WAVES = 10
+_WAVES = 10
 #: Turns of a joint from which on its angles come again in different parts of a run.
-AGAIN = 1.5
+_AGAIN = 1.5
 
 _CENTRE = Param("centre", "{x}", "middle of the range of the position")
 _HALF = Param("half", "{x}", "half the range of the position", 0.0)
@@ -112,7 +112,7 @@ def _doc(equation: str, variables: str, formulas: tuple[str, ...] = ()) -> Doc:
     )
 
 
-_POWERS = _coefficients(DEGREE, "coefficient of T_k")
+_POWERS = _coefficients(_DEGREE, "coefficient of T_k")
 
 
 def _of_position_terms(motion: Motion, j: int) -> tuple[Param, ...]:
@@ -140,7 +140,7 @@ class OfPosition(Correction):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """T_k(x)."""
-        powers = _powers(motion.q[:, j], shape[0], shape[1], DEGREE)
+        powers = _powers(motion.q[:, j], shape[0], shape[1], _DEGREE)
         return powers[:, 1 + int(_sprung(motion, j)) :]
 
 
@@ -157,15 +157,16 @@ class OfDetail(Correction):
     doc = _doc(
         equation=(
             f"tau = sum_k c_k max(0, 1 - |x - x_k| / w),  "
-            f"x = (q - centre) / half, x_k = -1 + k w, k = 0 to {KNOTS}"
+            f"x = (q - centre) / half, x_k = -1 + k w, k = 0 to {_KNOTS}"
         ),
         variables="the position in detail",
         formulas=tuple(
-            f"max(0, 1 - abs(max(-1, min(1, (q - centre) / half)) - ({-1 + k * WIDTH})) / {WIDTH})"
-            for k in range(KNOTS + 1)
+            "max(0, 1 - abs(max(-1, min(1, (q - centre) / half)) - "
+            f"({-1 + k * _WIDTH})) / {_WIDTH})"
+            for k in range(_KNOTS + 1)
         ),
     )
-    params = tuple(Param(f"c{k}", "{F}", "effort at x_k") for k in range(KNOTS + 1))
+    params = tuple(Param(f"c{k}", "{F}", "effort at x_k") for k in range(_KNOTS + 1))
     shape = (_CENTRE, _HALF)
     search = Grid(_range_grid, refine=False)
     traits = Correction.traits | Trait.MOTION
@@ -173,8 +174,8 @@ class OfDetail(Correction):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """max(0, 1 - |x - x_k| / w)."""
         x = np.clip((motion.q[:, j] - shape[0]) / shape[1], -1.0, 1.0)
-        knots = -1.0 + WIDTH * np.arange(KNOTS + 1)
-        hats: FloatArray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - knots) / WIDTH)
+        knots = -1.0 + _WIDTH * np.arange(_KNOTS + 1)
+        hats: FloatArray = np.maximum(0.0, 1.0 - np.abs(x[:, None] - knots) / _WIDTH)
         return hats
 
 
@@ -184,7 +185,7 @@ def _of_turn_lacks(motion: Motion, j: int) -> str:
         return "the joint slides"
     turns = float(np.ptp(motion.span[j])) / (2 * np.pi)
     return (
-        "" if turns >= AGAIN else f"the joint turns {turns:.1f} times, which is less than {AGAIN}"
+        "" if turns >= _AGAIN else f"the joint turns {turns:.1f} times, which is less than {_AGAIN}"
     )
 
 
@@ -193,13 +194,13 @@ class OfTurn(Correction):
 
     name = "correction-turn"
     doc = _doc(
-        equation=f"tau = sum_k a_k sin kq + b_k cos kq,  k = 1 to {WAVES}",
+        equation=f"tau = sum_k a_k sin kq + b_k cos kq,  k = 1 to {_WAVES}",
         variables="the angle within a turn",
-        formulas=tuple(f"{w}({k} * q)" for k in range(1, WAVES + 1) for w in ("sin", "cos")),
+        formulas=tuple(f"{w}({k} * q)" for k in range(1, _WAVES + 1) for w in ("sin", "cos")),
     )
     params = tuple(
         Param(f"{name}{k}", "{F}", f"amplitude {k} times a turn")
-        for k in range(1, WAVES + 1)
+        for k in range(1, _WAVES + 1)
         for name in ("a", "b")
     )
     scope = replace(Correction.scope, lacks=_of_turn_lacks)
@@ -207,9 +208,9 @@ class OfTurn(Correction):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """[sin kq, cos kq]."""
-        angle = motion.q[:, j, None] * np.arange(1, WAVES + 1)
+        angle = motion.q[:, j, None] * np.arange(1, _WAVES + 1)
         waves = np.stack([np.sin(angle), np.cos(angle)], axis=2)
-        return waves.reshape(motion.n, 2 * WAVES)
+        return waves.reshape(motion.n, 2 * _WAVES)
 
 
 class OfWave(Correction):
@@ -243,13 +244,13 @@ class OfDirection(Correction):
             *(f"v / half * ({power})" for power in _CHEBYSHEV[:2]),
         ),
     )
-    params = _coefficients(DEGREE + 2, "coefficient of z T_k, then of v T_k")
+    params = _coefficients(_DEGREE + 2, "coefficient of z T_k, then of v T_k")
     shape = (_CENTRE, _HALF)
     search = Grid(_range_grid, refine=False)
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """State times T_k(x), and v T_1(x), v T_2(x); v in ranges a second."""
-        powers = _powers(motion.q[:, j], shape[0], shape[1], DEGREE)[:, 1:]
+        powers = _powers(motion.q[:, j], shape[0], shape[1], _DEGREE)[:, 1:]
         state, v = motion.sign(j)[:, None], motion.qd[:, j : j + 1] / shape[1]
         return np.concatenate([state * powers, v * powers[:, :2]], axis=1)
 
@@ -291,15 +292,15 @@ class OfSpeed(Correction):
         ),
         variables="the speed",
         formulas=(
-            *(f"sign * {_hat('abs(v) / rms', ODD, k)}" for k in range(1, len(ODD))),
-            *(_hat("abs(v) / rms", EVEN, k) for k in range(1, len(EVEN))),
+            *(f"sign * {_hat('abs(v) / rms', _ODD, k)}" for k in range(1, len(_ODD))),
+            *(_hat("abs(v) / rms", _EVEN, k) for k in range(1, len(_EVEN))),
         ),
     )
     params = (
-        *(Param(f"c{k}", "{F}", f"effort at {x:g} rms speeds") for k, x in enumerate(ODD[1:], 1)),
+        *(Param(f"c{k}", "{F}", f"effort at {x:g} rms speeds") for k, x in enumerate(_ODD[1:], 1)),
         *(
             Param(f"d{k}", "{F}", f"mean of both directions at {x:g} rms speeds")
-            for k, x in enumerate(EVEN[1:], 1)
+            for k, x in enumerate(_EVEN[1:], 1)
         ),
     )
     shape = (_RMS,)
@@ -308,8 +309,8 @@ class OfSpeed(Correction):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """sgn(v) h_k(|v|), g_k(|v|)."""
         size = np.abs(motion.qd[:, j]) / shape[0]
-        odd = motion.sign(j)[:, None] * _hats(size, ODD)
-        return np.concatenate([odd, _hats(size, EVEN)], axis=1)
+        odd = motion.sign(j)[:, None] * _hats(size, _ODD)
+        return np.concatenate([odd, _hats(size, _EVEN)], axis=1)
 
 
 def _steady(motion: Motion, j: int) -> FloatArray:
@@ -335,7 +336,7 @@ class OfDisplacement(Correction):
         ),
         variables="the displacement since a reversal",
     )
-    params = _coefficients(len(WIDER), "force at which an element slips")
+    params = _coefficients(len(_WIDER), "force at which an element slips")
     shape = (Param("s", "{x}", "displacement at which the first element slips", 0.0, size=True),)
     search = Grid(_of_displacement_grid, refine=False)
     traits = Correction.traits | Trait.REPLAYED
@@ -343,13 +344,13 @@ class OfDisplacement(Correction):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """States of the elements, less the friction's: while they all slip they are none."""
         q, steady = np.ascontiguousarray(motion.q[:, j]), _steady(motion, j)
-        return np.stack([slip_state(q, k * float(shape[0])) - steady for k in WIDER], axis=1)
+        return np.stack([slip_state(q, k * float(shape[0])) - steady for k in _WIDER], axis=1)
 
 
 def _of_past_grid(motion: Motion, j: int) -> Shapes:
     """All pairs of times that are a factor of three or more apart and that the runs forget."""
     half, longest = _range(motion, j)[1], REMEMBERED * motion.n * motion.dt
-    times = [x for x in TIMES if x <= longest]
+    times = [x for x in _TIMES if x <= longest]
     return [(half, a, b) for k, a in enumerate(times) for b in times[k + 1 :]]
 
 

@@ -29,17 +29,17 @@ from hil.models.motion import FloatArray, Motion
 from hil.models.parts import GAIN_CHANGES, always
 
 #: Highest frequency of a disturbance that is looked for [Hz]; the effort filter passes no more.
-FASTEST = 25.0
+_FASTEST = 25.0
 #: Fewest periods in a run: what is slower is a drift.
-PERIODS = 4.0
+_PERIODS = 4.0
 #: Share of a motion's power at a frequency that is its own; share of one of which it mostly
 #: consists, multiples of that which are its own, too, and how many bins of the spectrum apart two
 #: frequencies are two.  A machine answers a sine with its multiples; beyond the eighth nothing that
 #: it does is as large as a name.  Half: hums near a slow motion go unnamed; double: what a model
 #: misses of a motion of few sines is a hum.
-A_LINE, MOSTLY, OVERTONES, RESOLVED = 0.05, 0.8, 8, 1.5
+_A_LINE, _MOSTLY, _OVERTONES, _RESOLVED = 0.05, 0.8, 8, 1.5
 #: Temperature at which friction is that of the model, whatever a drift adds [degC].
-ROOM = 25.0
+_ROOM = 25.0
 #: Parts of a run in which a law's values may differ.
 LAW_PARTS = 8
 #: Shortest time constant of a drift, in lengths of the run.
@@ -305,7 +305,7 @@ def _warmth(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         return _warmed(motion.driven(j) ** 2, motion, float(shape[0]))
     if shape[1] and motion.temperature.shape == motion.q.shape:
         # a machine that is switched on warm is warm: no run has a zero of its own
-        measured: FloatArray = motion.temperature[:, j] - ROOM
+        measured: FloatArray = motion.temperature[:, j] - _ROOM
         return measured
     # s = 1 - exp(-t / T)
     s: FloatArray = -np.expm1(-motion.since / max(float(shape[0]), 1e-9))
@@ -340,13 +340,13 @@ def _periodic_disturbance_foreign(f: Fitted) -> bool:
         return float(power[max(at - near, 1) : at + near + 1].sum()) / whole
 
     # what is two bins away is another frequency, though a line of a Hann window is four bins wide
-    if share(round(f.shape[0] * duration), 1) > A_LINE:
+    if share(round(f.shape[0] * duration), 1) > _A_LINE:
         return False
     top = int(np.argmax(power[1:])) + 1
     multiple = f.shape[0] * duration / top
     nearest = round(multiple)
-    apart = abs(multiple - nearest) * top > RESOLVED
-    return share(top, 2) < MOSTLY or not 1 <= nearest <= OVERTONES or apart
+    apart = abs(multiple - nearest) * top > _RESOLVED
+    return share(top, 2) < _MOSTLY or not 1 <= nearest <= _OVERTONES or apart
 
 
 def _periodic_disturbance_grid(motion: Motion, j: int) -> Shapes:
@@ -355,8 +355,8 @@ def _periodic_disturbance_grid(motion: Motion, j: int) -> Shapes:
     The spacing 1 / (2 duration) is half of what a spectrum resolves.
     """
     step = 0.5 / max(float(motion.since[-1]), 1e-9)
-    top = min(FASTEST, 0.4 / motion.dt)
-    first = max(2 * PERIODS * step, step)
+    top = min(_FASTEST, 0.4 / motion.dt)
+    first = max(2 * _PERIODS * step, step)
     return list(_steps(first, max(top, first + 1.5 * step), step))
 
 

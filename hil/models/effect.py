@@ -254,7 +254,7 @@ def other_ratios(r: float, even: float) -> list[float]:
 
 
 #: Shares of a joint's inertia that may be its motor's.
-PARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+_PARTS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 
 
 def motor_inertias(motion: Motion, j: int, own: float) -> list[float]:
@@ -265,7 +265,7 @@ def motor_inertias(motion: Motion, j: int, own: float) -> list[float]:
     if motion.response is None:
         return []
     size = float(np.mean(motion.response.inertia[:, j, j]))
-    return [own * x for x in FINER] if own else [s * size * x for x in PARTS for s in (1, -1)]
+    return [own * x for x in FINER] if own else [s * size * x for x in _PARTS for s in (1, -1)]
 
 
 def one_joint(motion: Motion, j: int) -> str:
@@ -280,12 +280,12 @@ def log_grid(low: float, high: float, count: int) -> Shapes:
 
 #: Instants of a run at which what happens once is sought; a climb follows.  Half: two loads
 #: of a run lie between the same two; double: twice the time, and the climb finds the same one.
-INSTANTS = 15
+_INSTANTS = 15
 
 
 def instants(length: float) -> list[float]:
     """Instants from 5 to 95 % of a run of some length [s]."""
-    return [float(t) for t in np.linspace(0.05, 0.95, INSTANTS) * length]
+    return [float(t) for t in np.linspace(0.05, 0.95, _INSTANTS) * length]
 
 
 def typical_speed(motion: Motion, j: int) -> float:

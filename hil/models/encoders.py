@@ -37,7 +37,7 @@ from hil.models.robots import IndependentAxes
 
 _UNFITTED = "needs the fitted model's inertia; fit the model first"
 #: Largest error of a zero that its derivative stands for [rad or m], and of a ratio.
-FAR, FURTHEST = 0.35, 0.2
+_FAR, _FURTHEST = 0.35, 0.2
 
 
 def _lacks(motion: Motion, j: int) -> str:
@@ -71,7 +71,7 @@ class JointZero(Effect):
         source="Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991 (offsets)",
         remark=_zero_remark,
     )
-    params = (Param("z", "{x}", "measured position less the true one", -FAR, FAR),)
+    params = (Param("z", "{x}", "measured position less the true one", -_FAR, _FAR),)
     scope = Scope(Of.JOINTS, lacks=_lacks)
     limits = (STRICT,)
     traits = Trait.LOAD | Trait.REPLAYED
@@ -100,7 +100,7 @@ class JointRatio(Effect):
         source="Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991 (gains)",
         remark=_ratio_remark,
     )
-    params = (Param("r", "1", "share of it that is too much", -FURTHEST, FURTHEST),)
+    params = (Param("r", "1", "share of it that is too much", -_FURTHEST, _FURTHEST),)
     scope = Scope(Of.JOINTS, lacks=_lacks)
     limits = (STRICT,)
     traits = Trait.LOAD | Trait.REPLAYED
@@ -121,7 +121,7 @@ class JointRatio(Effect):
 #: Orders of an eccentric disc beyond this many periods over the span are a motor's cogging.
 DISC_ORDER = 40.0
 #: Shape of jumps that are recorded, and the coefficient that says that they were lost counts.
-SEEN = (0.0,)
+_SEEN = (0.0,)
 CONFIRMED = Param("a", "1", "share of the recorded jumps that the effort confirms as lost", 0.0)
 #: Largest such share beside a model that was fitted with the jumps as motion.
 DILUTED = 5.0
@@ -207,7 +207,7 @@ class EncoderEccentricity(Effect):
 def _missed_counts_grid(motion: Motion, j: int) -> Shapes:
     """The recorded jumps if there are any, else fifteen instants from 5 to 95 % of the run."""
     if motion.jumps(j):
-        return [SEEN]
+        return [_SEEN]
     return [(t,) for t in instants(motion.since[-1])]
 
 
@@ -229,7 +229,7 @@ def _missed_counts_small(f: Fitted) -> bool:
 
 def _missed_counts_dated(shape: Sequence[float]) -> bool:
     """Recorded jumps are."""
-    return tuple(shape) == SEEN
+    return tuple(shape) == _SEEN
 
 
 def _missed_counts_own(shape: Sequence[float]) -> bool:
@@ -278,7 +278,7 @@ class MissedCounts(Effect):
             "s",
             "instant, from the start; 0: the jumps that are recorded",
             0.0,
-            codes=((SEEN[0], "at the jumps that are recorded"),),
+            codes=((_SEEN[0], "at the jumps that are recorded"),),
         ),
     )
     scope = Scope(Of.JOINTS, lacks=_missed_counts_lacks, terms=_missed_counts_terms)

@@ -198,11 +198,11 @@ def _chain(units: tuple[str, ...], span: bytes) -> ArmAxes:
     return ArmAxes(units, tuple(np.flatnonzero(lengths > little).tolist()))
 
 
-#: Columns as formulas (`hil.models.formula`): products of at most `MOST_FACTORS` of `FACTORS`.
+#: Columns as formulas (`hil.models.formula`): products of at most `MOST_FACTORS` of `_FACTORS`.
 Texts = Callable[[ArmAxes, int], Iterator[str]]
 #: Factors of a column: of every joint its position, the square, sine, cosine, speed, square of the
 #: speed, acceleration.
-FACTORS = ("q{0}", "q{0} ** 2", "sin(q{0})", "cos(q{0})", "v{0}", "v{0} ** 2", "a{0}")
+_FACTORS = ("q{0}", "q{0} ** 2", "sin(q{0})", "cos(q{0})", "v{0}", "v{0} ** 2", "a{0}")
 MOST_FACTORS = 4
 
 
@@ -226,7 +226,7 @@ def _columns(texts: Texts, motion: Motion, j: int) -> FloatArray:
 def _factors(texts: Texts, arm: ArmAxes, j: int) -> NDArray[np.intp]:
     """Which factors (`MOST_FACTORS`, m) the columns are products of; 0 is one."""
     joints = range(1, len(arm.units) + 1)
-    names = [form.format(k) for form in FACTORS for k in joints]
+    names = [form.format(k) for form in _FACTORS for k in joints]
     at = {name: k for k, name in enumerate(names, 1)}
     rows = [[at[x] for x in text.split(" * ")] for text in texts(arm, j)]
     out = np.zeros((MOST_FACTORS, len(rows)), dtype=np.intp)

@@ -298,10 +298,10 @@ class PositionFriction(Effect):
 #: Widths of a tight spot that are sought, in shares of the range, and how far apart its places are
 #: in widths.  Half the widths: a spot of a few percent lies between two places; double: what is
 #: found is a smooth change, which harmonics follow.
-SPOTS, APART = (1 / 32, 1 / 10), 1.5
+_SPOTS, _APART = (1 / 32, 1 / 10), 1.5
 #: The widest, in shares of the range.  Half: a spot of a fifth of the range goes unnamed; double:
 #: any smooth change is one.
-WIDEST = 1 / 8
+_WIDEST = 1 / 8
 #: Other widths about a found one.
 NARROWER = (0.5, 0.7, 0.85, 0.95, 1.05, 1.18, 1.4, 2.0)
 
@@ -312,15 +312,15 @@ def _local_friction_grid(motion: Motion, j: int) -> Shapes:
     length = max(high - low, 1e-9)
     return [
         (float(q0), length * share)
-        for share in SPOTS
-        for q0 in np.linspace(low, high, int(1 / (APART * share)) + 2)[1:-1]
+        for share in _SPOTS
+        for q0 in np.linspace(low, high, int(1 / (_APART * share)) + 2)[1:-1]
     ]
 
 
 def _local_friction_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     """Narrower and wider spots."""
     low, high = motion.span[j]
-    most = max(float(high - low), 1e-9) * WIDEST
+    most = max(float(high - low), 1e-9) * _WIDEST
     return [(shape[0], x) for x in (shape[1] * r for r in NARROWER) if x <= most]
 
 
@@ -332,7 +332,7 @@ def _local_friction_foils(motion: Motion, j: int, shape: Sequence[float]) -> Seq
 def _local_friction_within(f: Fitted) -> bool:
     """The place lies within the range, and most of the range lies beside it."""
     low, high = f.motion.span[f.j]
-    return bool(low <= f.shape[0] <= high and f.shape[1] <= WIDEST * (high - low))
+    return bool(low <= f.shape[0] <= high and f.shape[1] <= _WIDEST * (high - low))
 
 
 def _spot(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
@@ -393,7 +393,7 @@ def harmonics(q: FloatArray, p: float) -> FloatArray:
 #: Value of `form` that stands for LuGre's.
 LUGRE = 2.0
 #: Words for its values.
-FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
+_FORMS = ((0.0, "Maxwell slip"), (1.0, "Dahl"), (LUGRE, "LuGre"))
 #: Displacement of each loop, in units of s.
 WIDTHS = {"f1": 1, "f2": 3, "f3": 9}
 #: Least displacement over which friction builds up, in units of the least that is tried.
@@ -538,7 +538,7 @@ class Presliding(Effect):
     )
     shape = (
         Param("s", "{x}", "presliding displacement", 0.0, size=True),
-        Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0, codes=FORMS, choice=True),
+        Param("form", "1", "0 Maxwell slip, 1 Dahl, 2 LuGre", 0.0, 2.0, codes=_FORMS, choice=True),
         Param("v0", "{x}/s", "speed over which the sign of f0 is resolved", 0.0),
         Param(
             "vs",

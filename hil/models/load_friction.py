@@ -238,14 +238,14 @@ class CoupledFriction(Effect):
 
 #: Places over another joint's range from which its bend may count.  Half: the climb ends beside a
 #: kink that lies between two of them; double: twice the time, and it finds the same one.
-PLACES = 9
+_PLACES = 9
 
 
 def _posture_friction_grid(motion: Motion, j: int) -> Shapes:
     """Places over the range of every other joint that moves, both ends among them."""
     ranges = [(k, *motion.span[k]) for k in _others(motion, j)]
     return [
-        (float(q0), k + 1.0) for k, low, high in ranges for q0 in np.linspace(low, high, PLACES)
+        (float(q0), k + 1.0) for k, low, high in ranges for q0 in np.linspace(low, high, _PLACES)
     ]
 
 

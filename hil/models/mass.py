@@ -36,7 +36,7 @@ from hil.models.robots import IndependentAxes
 
 _INERTIA = "{F} s^2/{x}"
 #: Share of an effort at mid-range by which it must vary over the range to depend on the position.
-VARIES = 0.1
+_VARIES = 0.1
 
 
 def _rigid_body_terms(motion: Motion, j: int) -> tuple[Param, ...]:
@@ -94,7 +94,7 @@ class Armature(Effect):
 
 
 #: Largest turn of a base that a small angle stands for [rad].
-FAR = 0.8
+_FAR = 0.8
 _TURN = "turn of the base about its {} axis, against what the description says"
 
 
@@ -129,8 +129,8 @@ class BaseTilt(Effect):
         remark=_base_tilt_remark,
     )
     params = (
-        Param("rx", "rad", _TURN.format("x"), -FAR, FAR),
-        Param("ry", "rad", _TURN.format("y"), -FAR, FAR),
+        Param("rx", "rad", _TURN.format("x"), -_FAR, _FAR),
+        Param("ry", "rad", _TURN.format("y"), -_FAR, _FAR),
     )
     scope = Scope(Of.ROBOT, lacks=_base_tilt_lacks)
     limits = (STRICT,)
@@ -146,7 +146,7 @@ class BaseTilt(Effect):
 def _spring_varies(f: Fitted) -> bool:
     """A spring whose rest position is not far beyond the range: else it is an offset."""
     half, sure = 0.5 * float(np.ptp(f.motion.span[f.j])), f.slack
-    return (abs(f.beta[0]) + sure[0]) * half >= VARIES * abs(f.beta[1])
+    return (abs(f.beta[0]) + sure[0]) * half >= _VARIES * abs(f.beta[1])
 
 
 def _spring_pulls_back(f: Fitted) -> bool:
@@ -455,7 +455,7 @@ class VariableInertia(Effect):
 def _position_torque_varies(f: Fitted) -> bool:
     """An effort that may vary over the range: else it is an offset."""
     most = sum(abs(b) + e for b, e in zip(f.beta[1:], f.slack[1:], strict=True))
-    return most >= VARIES * abs(f.beta[0])
+    return most >= _VARIES * abs(f.beta[0])
 
 
 def _position_torque_foils(motion: Motion, j: int, shape: Sequence[float]) -> Sequence[FloatArray]:

@@ -50,7 +50,7 @@ MISSES = 0.0125
 #: direction below which it does not.
 SOME, UNSEEN = 400, 1e-5
 #: Rounding of an eigenvalue, and the least one that a search starts from, in the largest.
-EXACT, NEAR = 1e-12, 1e-4
+_EXACT, _NEAR = 1e-12, 1e-4
 #: Columns below this share of the largest are zero but for rounding.
 NULL_ROUNDING = 1e-11
 _MOMENTS = (("mx", "x"), ("my", "y"), ("mz", "z"))
@@ -208,9 +208,9 @@ def _apart(seen: FloatArray, pi: FloatArray) -> float:
     for start in (pi, inverse @ (seen @ pi) / scale):
         value, vector = np.linalg.eigh(pseudo_inertia(start))
         size = max(float(np.abs(value).max()), 1e-300)
-        if value[0] >= -EXACT * size:
+        if value[0] >= -_EXACT * size:
             return 0.0
-        begin = np.linalg.cholesky((vector * np.maximum(value, NEAR * size)) @ vector.T)[at]
+        begin = np.linalg.cholesky((vector * np.maximum(value, _NEAR * size)) @ vector.T)[at]
         # not scaled by the slopes: what no motion shows has none, and the search would stand still
         found = scipy.optimize.least_squares(left, begin, slope, max_nfev=200)
         least = min(least, float(2 * found.cost))
@@ -232,7 +232,7 @@ _LOAD = (MASS, *MOMENTS)
 #: as many times longer.
 OTHERS = 4
 #: Steps about a found instant, in what lies between two of those that are tried.
-STEPS = (-0.5, -0.25, -0.12, -0.06, -0.03, 0.03, 0.06, 0.12, 0.25, 0.5)
+_STEPS = (-0.5, -0.25, -0.12, -0.06, -0.03, 0.03, 0.06, 0.12, 0.25, 0.5)
 
 
 def _payload_change_grid(motion: Motion, j: int) -> Shapes:
@@ -250,7 +250,7 @@ def _payload_change_across(motion: Motion, j: int, shape: Sequence[float]) -> Sh
     out = [tuple(shape)]
     for k, length in enumerate(motion.lengths[: OTHERS + 1]):
         every, now = instants(length), shape[k]
-        near = [now + x * (every[1] - every[0]) for x in STEPS] if k and now else []
+        near = [now + x * (every[1] - every[0]) for x in _STEPS] if k and now else []
         out += [(*shape[:k], t, *shape[k + 1 :]) for t in (*every, *near, length) if t > 0]
     return out
 

@@ -22,8 +22,8 @@ from hil.models import bodies
 FloatArray = NDArray[np.float64]
 G = 9.81
 #: The links as a tree, for what they carry: joints before, poses, axes [linear, angular], gravity.
-BEFORE, UPRIGHT, DOWN = np.array([-1, 0, 1]), np.stack([np.eye(3)] * 3), np.array([0.0, 0.0, -G])
-AXES = np.array([[0, 0, 0, 0, 0, 1], [0, 0, 0, 0, -1, 0], [0, 0, 0, 0, -1, 0]], dtype=np.float64)
+_BEFORE, _UPRIGHT, _DOWN = np.array([-1, 0, 1]), np.stack([np.eye(3)] * 3), np.array([0.0, 0.0, -G])
+_AXES = np.array([[0, 0, 0, 0, 0, 1], [0, 0, 0, 0, -1, 0], [0, 0, 0, 0, -1, 0]], dtype=np.float64)
 #: Angles of the tree from theta: the forearm's is theta3 - theta2.
 FOLLOW = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
 
@@ -51,7 +51,7 @@ class _Phantom:
     def regressor(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         """Minimal regressor Y (n, 3, p), tau = Y pi."""
         x, v, a = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, qdd))
-        out: FloatArray = regressor(self.omni, x, v, a, len(self.names))
+        out: FloatArray = _regressor(self.omni, x, v, a, len(self.names))
         return out
 
     def balance(
@@ -59,7 +59,7 @@ class _Phantom:
     ) -> tuple[FloatArray, FloatArray]:
         """Effort without acceleration (n, 3) and mass matrix (n, 3, 3) for parameters (n, p)."""
         x, v, p = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, qd, pi))
-        found: tuple[FloatArray, FloatArray] = balance(self.omni, x, v, p)
+        found: tuple[FloatArray, FloatArray] = _balance(self.omni, x, v, p)
         return found
 
     def tip(self, q: FloatArray) -> FloatArray:
@@ -112,7 +112,7 @@ class _Phantom:
         # angles of the tree: the forearm's is counted from the upper link there
         states = tuple(np.ascontiguousarray(x @ FOLLOW.T, dtype=np.float64) for x in (q, qd, qdd))
         place = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [self.l1, 0.0, 0.0]])
-        tree = (BEFORE, UPRIGHT, place, AXES, DOWN, *states)
+        tree = (_BEFORE, _UPRIGHT, place, _AXES, _DOWN, *states)
         out: FloatArray = FOLLOW.T @ bodies.regressor(*tree, link - 1)  # type: ignore[call-arg, arg-type]
         return np.asarray(out @ bodies.about(np.array([0.0, 0.0, -self.l2])) if link == 3 else out)
 
@@ -175,7 +175,7 @@ def _row(omni: bool, q: FloatArray, v: FloatArray, a: FloatArray, y: FloatArray)
 
 
 @numba.njit(cache=True, nogil=True)
-def regressor(omni: bool, q: FloatArray, qd: FloatArray, qdd: FloatArray, p: int) -> FloatArray:
+def _regressor(omni: bool, q: FloatArray, qd: FloatArray, qdd: FloatArray, p: int) -> FloatArray:
     """Regressor (n, 3, p) at states (n, 3)."""
     out = np.zeros((len(q), 3, p))
     for k in range(len(q)):
@@ -184,7 +184,7 @@ def regressor(omni: bool, q: FloatArray, qd: FloatArray, qdd: FloatArray, p: int
 
 
 @numba.njit(cache=True, nogil=True)
-def balance(
+def _balance(
     omni: bool, q: FloatArray, qd: FloatArray, pi: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Effort (n, 3) without acceleration and mass matrix (n, 3, 3) of parameters pi (n, p).

@@ -44,13 +44,13 @@ from hil.models.kernels import delayed, lag
 from hil.models.motion import FloatArray, Motion
 from hil.models.parts import GAIN_CHANGES, POLES, TELLING_PUSH
 
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 #: Values of the shape parameter `frame`.
-BASE, TIP = 0.0, 1.0
+_BASE, _TIP = 0.0, 1.0
 #: Cause of every lateness.
 LATENESS = ("lateness",)
 #: The whole effort is late, not a part of it; the margin is for errors of the form.
-WHOLE = Param("a", "1", "share of the effort that is late: 1 but for errors", 0.9, 1.1)
+_WHOLE = Param("a", "1", "share of the effort that is late: 1 but for errors", 0.9, 1.1)
 
 
 def late_grid(motion: Motion, j: int) -> Shapes:
@@ -80,7 +80,7 @@ class Delay(Effect):
         source="Naerum thesis 1.3 (transmission delay)",
         over=Over.EFFORT_RATE,
     )
-    params = (WHOLE,)
+    params = (_WHOLE,)
     shape = (Param("T", "s", "delay", 0.0, size=True),)
     relations = Relations(causes=LATENESS)
     search = Grid(_delay_grid)
@@ -123,7 +123,7 @@ class RecordDelay(Effect):
         source="Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)",
         over=Over.EFFORT_RATE,
     )
-    params = (WHOLE,)
+    params = (_WHOLE,)
     shape = (Param("T", "s", "by how much it was recorded late", 0.0, size=True),)
     scope = Scope(lacks=_record_delay_lacks)
     relations = Relations(causes=LATENESS)
@@ -152,7 +152,7 @@ class ActuatorLag(Effect):
         shown_by="fast motion; chirp up to the current loop's bandwidth",
         source="Naerum thesis, appendix A (amplifier); first-order current loop",
     )
-    params = (WHOLE,)
+    params = (_WHOLE,)
     shape = (
         Param("T", "s", "time constant of a pole", 0.0, size=True),
         Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
@@ -235,7 +235,7 @@ def _varying_gain_grid(motion: Motion, j: int) -> Shapes:
 #: Largest share of the effort that a scale which varies takes: beyond it hardly anything is left.
 MOST_VARIES = 0.8
 #: Order up to which a change over the place is smooth.
-SMOOTH = 3
+_SMOOTH = 3
 #: Widths of signs of the speed, in typical speeds, that stand for any curve of friction.
 CURVES = (0.1, 0.3, 1.0)
 
@@ -247,13 +247,13 @@ def _varying_gain_foils(motion: Motion, j: int, shape: Sequence[float]) -> Seque
     """
     v, top = motion.qd[:, j : j + 1], max(float(np.max(np.abs(motion.qd[:, j]))), 1e-12)
     x = np.clip(motion.scaled(j), -1, 1)
-    place = np.asarray(np.polynomial.chebyshev.chebvander(x, 2 * SMOOTH), dtype=np.float64)
-    near = place[:, 1 : SMOOTH + 1]
+    place = np.asarray(np.polynomial.chebyshev.chebvander(x, 2 * _SMOOTH), dtype=np.float64)
+    near = place[:, 1 : _SMOOTH + 1]
     if shape[1] == OF_SPEED:
         curves = [np.tanh(v / (w * typical_speed(motion, j))) for w in CURVES]
         fast = v / top
         curves += [fast * np.abs(fast), fast**3]
-        return [np.hstack(curves), np.abs(fast) * place[:, : SMOOTH + 1]]
+        return [np.hstack(curves), np.abs(fast) * place[:, : _SMOOTH + 1]]
     return [motion.qdd[:, j : j + 1] * place[:, 1:], motion.sign(j)[:, None] * near, place[:, 1:]]
 
 
@@ -346,7 +346,7 @@ class FilterLag(Effect):
         source="Gautier, Vandanjon, Presse, CDC 1994 (filtering in identification)",
         over=Over.EFFORT_RATE,
     )
-    params = (WHOLE,)
+    params = (_WHOLE,)
     shape = (
         Param("T", "s", "time constant of a pole", 0.0, size=True),
         Param("n", "1", "number of poles", 1.0, 2.0, codes=POLES, choice=True),
@@ -406,7 +406,7 @@ def readings(motion: Motion, frame: float) -> FloatArray:
 
 def _axes(motion: Motion, frame: float) -> FloatArray:
     """Axes of the channels as columns in base axes (n, 3, 3)."""
-    turned = motion.robot.tip_axes(motion.q) if frame == TIP else None
+    turned = motion.robot.tip_axes(motion.q) if frame == _TIP else None
     return np.broadcast_to(np.eye(3), (motion.n, 3, 3)) if turned is None else turned
 
 
@@ -418,7 +418,7 @@ _SOURCE = "Cao, Laws, Rodriguez y Baena, IEEE Sensors J. 21(18), 2021 (six-axis 
 def _frames(motion: Motion, j: int) -> Shapes:
     """Base axes; those of the tip where there is one that turns."""
     turned = motion.robot.tip_axes(motion.q[:2]) if at_tip(motion) else None
-    return [(BASE,)] if turned is None else [(BASE,), (TIP,)]
+    return [(_BASE,)] if turned is None else [(_BASE,), (_TIP,)]
 
 
 def _missing(motion: Motion, j: int) -> str:
@@ -432,7 +432,7 @@ def _each(letter: str, unit: str = "{unit}") -> Callable[[Motion, int], tuple[Pa
 
     def terms(motion: Motion, j: int) -> tuple[Param, ...]:
         tip = at_tip(motion)
-        names = [AXES[k] if tip else str(k + 1) for k in channels(motion)]
+        names = [_AXES[k] if tip else str(k + 1) for k in channels(motion)]
         units = ["N m" if tip and k > 2 else "N" if tip else "{F}" for k in channels(motion)]
         return tuple(
             Param(f"{letter}{n}", unit.replace("{unit}", u), f"{letter} of channel {n}")
@@ -463,9 +463,9 @@ _FRAME = Param(
     "frame",
     "1",
     "axes of the channels: 0 base, 1 tip",
-    BASE,
-    TIP,
-    codes=((BASE, "along the base's axes"), (TIP, "along the tip's axes")),
+    _BASE,
+    _TIP,
+    codes=((_BASE, "along the base's axes"), (_TIP, "along the tip's axes")),
     choice=True,
 )
 _BOTH = ("motor", "external")
@@ -595,7 +595,7 @@ def _crossed(f: Fitted) -> bool:
 
 def _each_pair(motion: Motion, j: int) -> tuple[Param, ...]:
     """One coefficient a pair."""
-    names = AXES if at_tip(motion) else tuple(str(k + 1) for k in range(motion.d))
+    names = _AXES if at_tip(motion) else tuple(str(k + 1) for k in range(motion.d))
     found = [(names[a], names[b]) for a, b in pairs(motion)]
     return tuple(Param(f"e{a}-{b}", "1", f"what {a} shows of {b}") for a, b in found)
 

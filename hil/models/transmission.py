@@ -51,7 +51,7 @@ from hil.models.kernels import slope, softened, sprung
 from hil.models.motion import FloatArray, Motion
 
 #: Longest step of the integration [s].
-LONGEST = 2e-3
+_LONGEST = 2e-3
 
 
 def passing(
@@ -63,8 +63,8 @@ def passing(
     own: float = 0.0,
 ) -> FloatArray:
     """What a cable (stretch, tension: `softened`) or a play passes, less the load, (n, d, 1)."""
-    load, speed = carried(motion, j, own), np.ascontiguousarray(motion.qd[:, j])
-    slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / LONGEST))
+    load, speed = _carried(motion, j, own), np.ascontiguousarray(motion.qd[:, j])
+    slow, parts = float(motion.resolution[j]), int(np.ceil(motion.dt / _LONGEST))
     inertia = link_inertia(motion, j, own)
     weight = link_weight(motion, j)
     passed, *moved = softened(load, speed, inertia, weight, motion.dt, *soft, lag, rub, slow, parts)
@@ -91,7 +91,7 @@ def felt(
     return -out
 
 
-def carried(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
+def _carried(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
     """Load behind the transmission (n,), without the motor's inertia that the masses hold."""
     load = motion.load[:, j]
     return np.ascontiguousarray(load - own * motion.qdd[:, j] if own else load)
@@ -99,7 +99,7 @@ def carried(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
 
 def load_size(motion: Motion, j: int) -> float:
     """Standard deviation of the load behind the transmission; 1 where there is none."""
-    return float(np.std(carried(motion, j))) or 1.0
+    return float(np.std(_carried(motion, j))) or 1.0
 
 
 def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
@@ -112,7 +112,7 @@ def link_inertia(motion: Motion, j: int, own: float = 0.0) -> FloatArray:
         mean = float(np.mean(link))
         if np.min(link) > 0 or (own and mean > 0):
             return np.ascontiguousarray(np.maximum(link, NEXT_TO_NONE * mean if own else 0.0))
-    slope = float(np.std(carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
+    slope = float(np.std(_carried(motion, j)) / max(float(np.std(motion.qdd[:, j])), 1e-12))
     return np.full(motion.n, max(slope, 1e-12))
 
 
@@ -131,7 +131,7 @@ def rotors(motion: Motion, j: int, own: float) -> list[float]:
     if motion.response is None:
         return []
     link = motion.response.inertia[:, j, j] - motion.response.rotor[j]
-    told = np.ptp(link) > VARIES * np.mean(link) or np.any(motion.response.weight(j))
+    told = np.ptp(link) > _VARIES * np.mean(link) or np.any(motion.response.weight(j))
     return [x for x in motor_inertias(motion, j, own) if told and x < np.min(link)]
 
 
@@ -146,15 +146,15 @@ MORE_ZETAS = (*ZETAS, 0.02, 0.005, 0.05, 0.15, 0.5, 0.8)
 SWINGING = 0.5
 #: Resonance at which the grid begins, to both sides [Hz], and its step in half-power widths; a
 #: transmission's are above.
-MIDDLE, STEP = 2.0, 1.75
+_MIDDLE, _STEP = 2.0, 1.75
 #: Periods of the lowest resonance tried in a run, as of a disturbance; what swings less often is a
 #: spring or a drift.  Double: the slosh of a run of a few swings goes unnamed; half: springs swing.
-SEEN = 4.0
+_SEEN = 4.0
 
 
 def lowest(motion: Motion) -> float:
     """Lowest resonance worth trying [Hz]: several of its periods must fit into the run."""
-    return min(SEEN / max(float(motion.since[-1]), SEEN * motion.dt), MIDDLE)
+    return min(_SEEN / max(float(motion.since[-1]), _SEEN * motion.dt), _MIDDLE)
 
 
 def highest(motion: Motion) -> float:
@@ -162,18 +162,18 @@ def highest(motion: Motion) -> float:
 
     That is well above the effort filter; what is faster looks like a delay or an inertia.
     """
-    return max(0.125 / motion.dt, 1.5 * MIDDLE)
+    return max(0.125 / motion.dt, 1.5 * _MIDDLE)
 
 
-def frequencies(motion: Motion, zeta: float) -> list[float]:
+def _frequencies(motion: Motion, zeta: float) -> list[float]:
     """Resonances worth trying [Hz], so close that one of them lies on the flank of any other.
 
     A longer run has slower ones, and the same fast ones.
     """
-    low, high, step = lowest(motion), highest(motion), np.log(1 + 2 * zeta * STEP)
-    down, up = (int(np.ceil(np.log(x) / step)) for x in (MIDDLE / low, high / MIDDLE))
-    below = np.geomspace(low, MIDDLE, 1 + down)[:-1]
-    return [float(f) for f in (*below, *np.geomspace(MIDDLE, high, 1 + up))]
+    low, high, step = lowest(motion), highest(motion), np.log(1 + 2 * zeta * _STEP)
+    down, up = (int(np.ceil(np.log(x) / step)) for x in (_MIDDLE / low, high / _MIDDLE))
+    below = np.geomspace(low, _MIDDLE, 1 + down)[:-1]
+    return [float(f) for f in (*below, *np.geomspace(_MIDDLE, high, 1 + up))]
 
 
 def inside(motion: Motion, f: float) -> bool:
@@ -189,7 +189,7 @@ LOAD_SHARE = 0.25
 #: Frictions behind a play that are tried, in units of the load's standard deviation.
 FRICTIONS = (0.03, 0.06, 0.1, 0.15, 0.25)
 #: ... and behind a spring, which may carry little but friction; nearer ones lie by this apart.
-MORE_FRICTIONS, CLOSER = (*FRICTIONS, 0.4, 0.7), 1.25
+_MORE_FRICTIONS, _CLOSER = (*FRICTIONS, 0.4, 0.7), 1.25
 #: Tension at which a spring would be four times as stiff, in the same units: beyond any.
 STRAIGHT = 1e4
 #: Tension that takes up half a play, in the same units: next to none.
@@ -197,9 +197,9 @@ HARD = 3e-3
 #: Least inertia of a link over its mean, where a recording goes to postures beyond the fitted ones.
 NEXT_TO_NONE = 0.01
 #: Range of a link's inertia over its mean from which on it is not the same everywhere.
-VARIES = 0.1
+_VARIES = 0.1
 #: Times in which a flank is relieved that are tried [s], the usual one first.
-LAGS = (0.01, 0.003, 0.0055)
+_LAGS = (0.01, 0.003, 0.0055)
 
 
 def stiffness(motion: Motion, j: int, f: float, own: float = 0.0) -> float:
@@ -220,7 +220,7 @@ def lag_of(inertia: FloatArray, k: float, zeta: float) -> FloatArray:
 
 def _resonance_grid(motion: Motion, j: int) -> Shapes:
     """Resonances over the band for two damping ratios, each in steps of its own width."""
-    return [(f, z) for z in ZETAS for f in frequencies(motion, z)]
+    return [(f, z) for z in ZETAS for f in _frequencies(motion, z)]
 
 
 def _resonance_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
@@ -261,7 +261,7 @@ def _elastic_transmission_grid(motion: Motion, j: int) -> Shapes:
 
     A link that swings slower hardly follows its motor: its spring is one against what stands.
     """
-    shapes = [(f, z) for f, z in _resonance_grid(motion, j) if f >= MIDDLE]
+    shapes = [(f, z) for f, z in _resonance_grid(motion, j) if f >= _MIDDLE]
     return [(stiffness(motion, j, f), z, 0.0, 0.0) for f, z in shapes]
 
 
@@ -269,8 +269,8 @@ def _elastic_transmission_across(motion: Motion, j: int, shape: Sequence[float])
     """Damping ratios, frictions of the link, inertias of the motor; one changed at a time."""
     k, zeta, rub, own = shape
     size, f = load_size(motion, j), resonance(motion, j, k, own)
-    near = [rub / CLOSER, rub * CLOSER] if rub else []
-    frictions = [0.0, *(r * size for r in MORE_FRICTIONS), *near]
+    near = [rub / _CLOSER, rub * _CLOSER] if rub else []
+    frictions = [0.0, *(r * size for r in _MORE_FRICTIONS), *near]
     return [
         *((k, z, rub, own) for z in MORE_ZETAS),
         *((k, zeta, r, own) for r in frictions),
@@ -296,13 +296,13 @@ def _elastic_transmission_carries(f: Fitted) -> bool:
 
 #: Part of a load by which its share behind a spring must be below all of it to be worth a word.
 #: Double: a stiffness is a quarter too high in silence; half: errors of the form get one.
-LESS = 0.1
+_LESS = 0.1
 
 
 def _elastic_transmission_remark(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
     """What swings on the spring is less than the model's inertia: so is the spring."""
     a, k = values["a"], values["k"]
-    most = 1.0 - max(LESS, VALUE_DEVIATIONS * errors["a"])
+    most = 1.0 - max(_LESS, VALUE_DEVIATIONS * errors["a"])
     if values["i"] > 0.0 or not 0.0 < a < most:
         return ""
     return (
@@ -368,7 +368,7 @@ class ElasticTransmission(_Resonance):
             tension = STRAIGHT * load_size(motion, j)
             lag = lag_of(inertia, k, zeta)
             return passing(motion, j, (tension / k, tension), lag, rub, own)
-        load = carried(motion, j, own)
+        load = _carried(motion, j, own)
         weight = link_weight(motion, j)
         passed, stretch, rate = sprung(load, inertia, weight, motion.dt, k, zeta)
         grows = slope(inertia, 1 / motion.dt)
@@ -383,7 +383,7 @@ def _backlash_grid(motion: Motion, j: int) -> Shapes:
     span = float(np.ptp(motion.span[j])) or 1.0
     grain = float(motion.grain[j]) if motion.grain.size else 0.0
     widths = log_grid(min(max(1e-4 * span, 4 * grain), 2e-2 * span), 5e-2 * span, 10)
-    return [(b, 0.0, LAGS[0], 0.0) for (b,) in widths]
+    return [(b, 0.0, _LAGS[0], 0.0) for (b,) in widths]
 
 
 def _backlash_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
@@ -393,7 +393,7 @@ def _backlash_across(motion: Motion, j: int, shape: Sequence[float]) -> Shapes:
     return [
         (width, 0.0, lag, own),
         *slower,
-        *((width, rub, c, own) for c in LAGS),
+        *((width, rub, c, own) for c in _LAGS),
         *((width, rub, lag, x) for x in rotors(motion, j, own)),
     ]
 
@@ -496,17 +496,17 @@ MORE_TENSIONS = (0.05, 0.1, 0.17, 0.3, 0.55, 1.0, 2.0)
 #: Damping ratios at zero tension: at first, and then.
 CABLE_ZETA, CABLE_ZETAS = 0.1, (0.03, 0.05, 0.1, 0.2, 0.4)
 #: Friction of the link that is tried at first, in the same units.
-RUB = 0.1
+_RUB = 0.1
 
 
 def _hardening_cable_grid(motion: Motion, j: int) -> Shapes:
     """Resonances over the lower half of the band, three tensions, some damping."""
-    low, high = MIDDLE, max(0.5 * highest(motion), 1.5 * MIDDLE)
+    low, high = _MIDDLE, max(0.5 * highest(motion), 1.5 * _MIDDLE)
     size = load_size(motion, j)
     out: Shapes = []
     for t, step in TENSIONS.items():
         some = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(step))))
-        other = t * size, CABLE_ZETA, RUB * size, 0.0
+        other = t * size, CABLE_ZETA, _RUB * size, 0.0
         out += [(stiffness(motion, j, f), *other) for f in some.tolist()]
     return out
 

@@ -46,7 +46,7 @@ COMPARED = "compared"
 #: Fields of an indistinguishable set, and of what a motion could not show.
 SETS = ("effects", "why", "experiment", "reason", "motion", "command")
 UNSEEN_KEYS = ("effects", "joints", "why", "command")
-CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se", "alike")
+_CORRECTION = ("effect", "of", "joint", "relative_before", "relative_after", "se", "alike")
 
 
 @dataclass(frozen=True)
@@ -359,7 +359,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, object]:
         "findings": [finding_json(f) for f in d.findings],
         "candidates": [candidate_json(c, d.first, d) for c in d.first.candidates[:20]],
         "remaining": _remaining(d),
-        "corrections": [_fields(c, CORRECTION) for c in d.corrections],
+        "corrections": [_fields(c, _CORRECTION) for c in d.corrections],
         "indistinguishable": [_fields(s, SETS) for s in sets_of(d)],
         "could_not_show": [_fields(u, UNSEEN_KEYS) for u in d.unseen],
         "warnings": [{"code": code, "text": text} for code, text in d.warnings],

@@ -297,7 +297,7 @@ CHOICE: dict[Over, Callable[[FitResult, Learnt], Variable]] = {
     Over.DISPLACEMENT: displacement,
     Over.EFFORT_RATE: effort_rate,
 }
-CLOUD_POINTS, FEWEST, SECONDS = 2500, 6, 3.0
+_CLOUD_POINTS, FEWEST, _SECONDS = 2500, 6, 3.0
 #: How to read the figure.
 READING = (
     "Dots: what the rest of the final model leaves over, i.e. its residual plus the effect's "
@@ -346,7 +346,7 @@ def _over(fig: Any, v: Variable, fit: Learnt, column: int, legend: bool) -> None
     sign = 1.0 if v.sign is None else v.sign
     y, curve = fit.partial * sign, fit.effort * sign
     inside = np.flatnonzero((v.x >= v.edges[0]) & (v.x <= v.edges[-1]) & np.isfinite(y))
-    pick = np.random.default_rng(0).permutation(inside)[:CLOUD_POINTS]
+    pick = np.random.default_rng(0).permutation(inside)[:_CLOUD_POINTS]
     put(dots(v.x[pick], y[pick], "data", CLOUD, opacity=0.3, showlegend=legend), row=1, col=column)
     everything = np.ones(v.x.size, dtype=bool)
     groups = [(everything, "", AFTER)]
@@ -421,7 +421,7 @@ def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
     if loop:
         turns = np.diff(np.sign(problem.qd[fit.joint]), prepend=0.0) != 0
         weight = np.where(turns, 1.0, 0.0)
-    part = window(weight, problem.run, int(SECONDS * problem.rate))
+    part = window(weight, problem.run, int(_SECONDS * problem.rate))
     time = np.arange(part.stop - part.start) / problem.rate
     x = problem.q[fit.joint, part] if loop else time
     put(line(x, fit.partial[part], "data over time", CLOUD, width=1.6), row=1, col=2)

@@ -288,7 +288,7 @@ def _policy(scripts: Sequence[str]) -> str:
 #: Properties whose parts may be named with an underscore, e.g. ``title_text``.
 NESTED = ("title", "marker", "line", "margin", "legend", "font")
 #: Number types that plotly's script reads as binary.
-BINARY = {"float32": "f4", "float64": "f8"}
+_BINARY = {"float32": "f4", "float64": "f8"}
 Tree = dict[str, Any]
 
 
@@ -301,33 +301,33 @@ def nested(properties: Mapping[str, Any]) -> Tree:
     for name, value in properties.items():
         head, _, rest = name.partition("_")
         if rest and head in NESTED:
-            merge(out, {head: nested({rest: value})})
+            _merge(out, {head: nested({rest: value})})
         else:
-            merge(out, {name: nested(value) if isinstance(value, dict) else value})
+            _merge(out, {name: nested(value) if isinstance(value, dict) else value})
     return out
 
 
-def merge(tree: Tree, more: Mapping[str, Any]) -> None:
+def _merge(tree: Tree, more: Mapping[str, Any]) -> None:
     """Put more into a tree; what is there already is replaced leaf by leaf."""
     for name, value in more.items():
         if isinstance(value, dict) and isinstance(tree.get(name), dict):
-            merge(tree[name], value)
+            _merge(tree[name], value)
         else:
             tree[name] = value
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """A value as JSON: long rows of numbers in binary, others as lists."""
     if isinstance(value, np.ndarray):
-        if value.size and value.dtype.name in BINARY:
+        if value.size and value.dtype.name in _BINARY:
             data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode("ascii")
-            return {"dtype": BINARY[value.dtype.name], "bdata": data}
+            return {"dtype": _BINARY[value.dtype.name], "bdata": data}
         return value.tolist()
     return value.item()
 
 
 def _known(value: Any) -> Any:
-    """A tree as JSON has it: arrays as `plain` says, a number that is none as null, a gap."""
+    """A tree as JSON has it: arrays as `_plain` says, a number that is none as null, a gap."""
     if isinstance(value, dict):
         return {k: _known(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -336,7 +336,7 @@ def _known(value: Any) -> Any:
         return None
     if value is None or isinstance(value, str | bool | int | float):
         return value
-    return _known(plain(value))
+    return _known(_plain(value))
 
 
 class Panels:
@@ -432,16 +432,16 @@ class Panels:
     def update_xaxes(self, row: int | None = None, col: int | None = None, **more: Any) -> None:
         """Change the horizontal axes of a panel, a row, a column, or all."""
         for axis in self._axes(0, row, col):
-            merge(axis, nested(more))
+            _merge(axis, nested(more))
 
     def update_yaxes(self, row: int | None = None, col: int | None = None, **more: Any) -> None:
         """Change the vertical axes of a panel, a row, a column, or all."""
         for axis in self._axes(1, row, col):
-            merge(axis, nested(more))
+            _merge(axis, nested(more))
 
     def update_layout(self, **more: Any) -> None:
         """Change what belongs to the whole figure."""
-        merge(self.layout, nested(more))
+        _merge(self.layout, nested(more))
 
     def html(self, name: str, config: Tree) -> str:
         """Division with a script that draws the figure into it."""
@@ -463,9 +463,9 @@ BEFORE, AFTER, MEASURED = "#D55E00", "#0072B2", "#222222"
 RUNGS = (BEFORE, "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#999999")
 CLOUD, FLOOR, BAND = "#9a9a9a", "#444444", "rgba(110,110,110,0.24)"
 FONT = "system-ui, Segoe UI, Helvetica, Arial, sans-serif"
-WIDTH, TOP, BOTTOM, LEFT = 1040, 76, 56, 78
+WIDTH, TOP, _BOTTOM, LEFT = 1040, 76, 56, 78
 #: Look of every axis.
-AXIS: dict[str, Any] = {
+_AXIS: dict[str, Any] = {
     "gridcolor": "#ebebeb",
     "zerolinecolor": "#b5b5b5",
     "linecolor": "#888",
@@ -487,7 +487,7 @@ LEGEND = {
 LAYOUT: dict[str, Any] = {
     "template": {"data": {"scatter": [{"type": "scatter"}]}},
     "width": WIDTH,
-    "margin": {"l": LEFT, "r": 20, "t": TOP, "b": BOTTOM},
+    "margin": {"l": LEFT, "r": 20, "t": TOP, "b": _BOTTOM},
     "font": {"family": FONT, "size": 12, "color": "#222"},
     "bargap": 0.25,
     "paper_bgcolor": "white",
@@ -523,9 +523,9 @@ def grid(
     fig = Panels(heights, columns, gap, sideways, [escape(t) for t in titles])
     # the legend stands above the panels' titles and grows upwards
     legend = {**LEGEND, "y": 1 + 28 / area}
-    fig.update_layout(**LAYOUT, height=area + TOP + BOTTOM, legend=legend)
-    fig.update_xaxes(**AXIS)
-    fig.update_yaxes(**AXIS, nticks=6)
+    fig.update_layout(**LAYOUT, height=area + TOP + _BOTTOM, legend=legend)
+    fig.update_xaxes(**_AXIS)
+    fig.update_yaxes(**_AXIS, nticks=6)
     return fig
 
 

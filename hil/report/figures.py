@@ -30,9 +30,9 @@ from hil.report.elements import (
 
 FloatArray = NDArray[np.float64]
 #: Colour of what lies outside the range that a model was identified on.
-OUTSIDE = "#E69F00"
+_OUTSIDE = "#E69F00"
 #: Views drawn per joint, and bins with fewer instants than this are left out.
-VIEWS, FEWEST = 9, 10
+_VIEWS, _FEWEST = 9, 10
 ONE_STEP = (
     "How to read: one group of bars a joint, one bar a model. The dashed line at 1 is the measured "
     "noise floor: the error that all effects of the catalogue together leave, corrected for "
@@ -124,7 +124,7 @@ def view_figures(m: Material) -> list[Figure]:
     for j in m.concerned():
         own = [k for k, v in enumerate(before) if v.joint == m.joints[j]]
         own.sort(key=lambda k: -_strength(before[k]))
-        chosen = sorted(own[:VIEWS])
+        chosen = sorted(own[:_VIEWS])
         pairs = [(before[k], after[k] if after else None) for k in chosen]
         if pairs:
             out.append(_views(m, j, pairs))
@@ -132,7 +132,7 @@ def view_figures(m: Material) -> list[Figure]:
 
 
 def _strength(view: View) -> float:
-    used = view.count >= FEWEST
+    used = view.count >= _FEWEST
     return float(np.max(np.abs(view.mean[used]) / np.maximum(view.band[used], 1e-300), initial=0))
 
 
@@ -173,12 +173,12 @@ def _beyond(fig: Any, m: Material, view: View, row: int, column: int) -> None:
         ends = (float(view.edges[0]), float(view.edges[-1]))
     for a, b in ((ends[0], low), (high, ends[1])):
         if b > a + 1e-9 * (ends[1] - ends[0]):
-            look = {"fillcolor": OUTSIDE, "opacity": 0.15, "line_width": 0, "layer": "below"}
+            look = {"fillcolor": _OUTSIDE, "opacity": 0.15, "line_width": 0, "layer": "below"}
             fig.add_vrect(x0=a, x1=b, **look, row=row, col=column)
 
 
 def _reach(view: View) -> float:
-    used = view.count >= FEWEST
+    used = view.count >= _FEWEST
     if not used.any():
         return 1e-12
     return max(float(np.max(np.abs(view.mean[used]))), 1.3 * float(np.median(view.band[used])))
@@ -191,7 +191,7 @@ def _title(view: View) -> str:
 def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, legend: bool) -> None:
     uneven = old.feature.startswith(UNEVEN_AXES)
     edges = np.arange(old.edges.size, dtype=float) if uneven else old.edges
-    used = old.count >= FEWEST
+    used = old.count >= _FEWEST
     band = np.where(used, old.band, 0.0)
     fig.add_trace(
         bar(
@@ -404,7 +404,7 @@ def candidates_table(m: Material) -> str:
     return table(head, rows, (0, 1), strong) if rows else ""
 
 
-SECONDS, POINTS = 5.0, 700
+_SECONDS, _POINTS = 5.0, 700
 
 
 # ------------------------------------------------------------ traces
@@ -438,8 +438,8 @@ def trace_figure(m: Material) -> Figure:
     weight = np.sum(
         (old.residual**2 - (new.residual**2 if len(m.rungs) > 1 else 0)) / scale, axis=0
     )
-    part = window(weight, run, int(SECONDS * m.problem.rate))
-    step = max(1, (part.stop - part.start) // POINTS)
+    part = window(weight, run, int(_SECONDS * m.problem.rate))
+    step = max(1, (part.stop - part.start) // _POINTS)
     part = slice(part.start, part.stop, step)
     titles = [t for joint in m.joints for t in (joint, "")]
     heights = [170.0, 100.0] * len(m.joints)

@@ -53,7 +53,7 @@ from hil.revision import source_revision
 from hil.userfile import write_text
 
 #: What the title of every report ends in, and where it stands at the latest [byte].
-TITLE, HEAD = "of a robot model with measurements", 4096
+_TITLE, _HEAD = "of a robot model with measurements", 4096
 
 # ------------------------------------------------------------ report
 
@@ -90,19 +90,19 @@ def is_report(path: Path) -> bool:
     """Whether a file is a report of `hil`, or empty."""
     try:
         with path.open("rb") as file:
-            head = file.read(HEAD).decode("utf-8", "replace")
+            head = file.read(_HEAD).decode("utf-8", "replace")
     except OSError:
         return False
-    return not head.strip() or f" {TITLE}</title>" in head
+    return not head.strip() or f" {_TITLE}</title>" in head
 
 
 def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
     kind = "Comparison" if m.verdict == COMPARED else "Diagnosis"
-    title = f"{kind} {TITLE}"
+    title = f"{kind} {_TITLE}"
     body = f"<h1>{escape(title)}</h1>" + top(m, files)
     if m.rungs:
         body += "".join(
-            (ladder(m), fails(m), _tried(m), effects(m), traces(m), parameters(m), further(m))
+            (ladder(m), _fails(m), _tried(m), effects(m), traces(m), parameters(m), _further(m))
         )
     body += provenance(m)
     write_text(path, document(title, body, figures=bool(m.rungs)))
@@ -175,7 +175,7 @@ def _alarms(m: Material) -> list[str]:
     return [*rising(m.rungs), *diverged]
 
 
-def fails(m: Material) -> str:
+def _fails(m: Material) -> str:
     """Views of the residual, strongest regions as sentences."""
     first = _strongest(that_matter(m.before.result, m.last.floor), 6)
     none = f"{nowhere(m.before.result.problem)}."
@@ -277,7 +277,7 @@ def _simulated(x: float) -> str:
 # ------------------------------------------------------------ what cannot be told apart
 
 
-def further(m: Material) -> str:
+def _further(m: Material) -> str:
     """What the data cannot tell apart, and which motion would."""
     parts = []
     named = [(f.effect, f.rivals, f.confidence) for f in (*m.findings, *m.partial)]

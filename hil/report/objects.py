@@ -39,7 +39,7 @@ from hil.report.html import comparison_report, diagnosis_report, is_report
 
 Cell = str | float
 #: Of a longer table a prompt shows this many rows, a notebook all of them.
-MOST_ROWS = 60
+_MOST_ROWS = 60
 
 
 @dataclass(frozen=True)
@@ -213,8 +213,8 @@ def text(shown: Any) -> str:
     """Title, sentences and table, for a prompt."""
     made = sheet(shown)
     words = made.words()
-    more = [f"  ... {len(words) - MOST_ROWS} more rows"] if len(words) > MOST_ROWS else []
-    body = terminal.aligned(made.head, words[:MOST_ROWS], made.left()) if words else ""
+    more = [f"  ... {len(words) - _MOST_ROWS} more rows"] if len(words) > _MOST_ROWS else []
+    body = terminal.aligned(made.head, words[:_MOST_ROWS], made.left()) if words else ""
     return "\n".join(x for x in (made.title, *(f"  {s}" for s in made.lines), body, *more) if x)
 
 

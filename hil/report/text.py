@@ -61,7 +61,7 @@ TONES = {
     "bad-data": "#D55E00",
     COMPARED: "#56B4E9",
 }
-ORIGIN = {
+_ORIGIN = {
     "repeats": "The motion repeats itself. The noise floor is the difference between two passes "
     "of the same motion: no model of the motion can explain it.",
     "largest-model": "The motion does not repeat itself. The noise floor is the error of the "
@@ -251,7 +251,7 @@ def worst(m: Material) -> int:
     return int(m.ratio(m.before).argmax())
 
 
-def apart(m: Material) -> list[str]:
+def _apart(m: Material) -> list[str]:
     """Sentences on held-out sessions that differ from the fitted ones."""
     return _said(m, DIFFER)
 
@@ -298,7 +298,7 @@ def _unlike_alone(m: Material) -> str:
     return listed(list(dict.fromkeys(names))) if alone else ""
 
 
-def unlike(m: Material) -> list[str]:
+def _unlike(m: Material) -> list[str]:
     """Sentences on what is left at the floor and is no noise."""
     return _said(m, UNLIKE)
 
@@ -314,7 +314,7 @@ def ended(text: str) -> str:
 
 def tone(m: Material) -> str:
     """Colour of the verdict's bar."""
-    return TONES["ambiguous" if m.verdict == "adequate" and apart(m) else m.verdict]
+    return TONES["ambiguous" if m.verdict == "adequate" and _apart(m) else m.verdict]
 
 
 def _undecided(findings: Sequence[Finding]) -> str:
@@ -354,7 +354,7 @@ def headline(m: Material) -> str:
         )
     if m.verdict == "ambiguous":
         return _undecided(m.findings)
-    if m.verdict == "adequate" and apart(m):
+    if m.verdict == "adequate" and _apart(m):
         return "The model is adequate for the fitted data, but not for the held-out data."
     if m.verdict == "adequate":
         errors = dict(zip(m.joints, m.ratio(m.after).tolist(), strict=True))
@@ -497,7 +497,7 @@ def details(m: Material, files: Files | None = None) -> list[str]:
         + [_finding(m, f) for f in m.findings]
     )
     out += _said(m, BLURRED) + _said(m, ROUNDED)
-    out += apart(m) + changed(m) + _said(m, BENT) + unlike(m) + _said(m, COMMON)
+    out += _apart(m) + changed(m) + _said(m, BENT) + _unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
             f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
@@ -553,7 +553,7 @@ def _errors(m: Material, f: Finding) -> str:
 
 def origin(m: Material) -> str:
     """Where the noise floor comes from."""
-    text = ORIGIN.get(m.last.floor.method, m.last.floor.method)
+    text = _ORIGIN.get(m.last.floor.method, m.last.floor.method)
     share = known_to(m.rungs[0].step.result)
     what = "force sensor" if m.external else "measured effort"
     return f"{text} The accuracy of the {what} ({100 * share:g} % of its rms) is added."
@@ -607,17 +607,17 @@ WAIT_AND_RECORD = "Do not rely on one of the rivals yet; record the motion that 
 #: The step to which the commands belong.
 ACCEPT = "Accept"
 #: Where what is left acts by itself.
-ELSEWHERE = (
+_ELSEWHERE = (
     "Record this joint at rest with its motor on. A disturbance that does not depend on the motion "
     "(supply, neighbouring machine, limit cycle of a loop, knock) shows there too: remove it first."
 )
 #: Where the masses that the data ask for are none.
-APART = (
+_APART = (
     "Record the robot free of contact, or with the force on it measured; check that efforts, "
     "positions and the description belong together."
 )
 #: Code of the check of a recording's rate.
-RATE = "sample-rate"
+_RATE = "sample-rate"
 #: Where what is left acts at low speed.
 SLOWLY = "Record slow strokes with many starts and turns: they show friction at low speed."
 #: Verdict -> what follows from it alone.
@@ -684,7 +684,7 @@ def _listed(s: Indistinguishable, findings: Sequence[Finding]) -> bool:
 
 def next_steps(m: Material) -> list[str]:
     """What to do now, in plain words; the rate of the recording where it is doubted."""
-    slow = {text for code, text in m.warnings if code == RATE and m.verdict != "adequate"}
+    slow = {text for code, text in m.warnings if code == _RATE and m.verdict != "adequate"}
     tail = " before you rely on a name." if m.findings else "."
     return [text + tail for text in sorted(slow)] + _steps(m)
 
@@ -706,7 +706,7 @@ def _steps(m: Material) -> list[str]:
         return [DESCRIBE, AGAIN]
     if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in changed(m)):
         return _of_changes(m)
-    if m.verdict in ("adequate", "unexplained") and apart(m):
+    if m.verdict in ("adequate", "unexplained") and _apart(m):
         what = ADVICE if any(n.kind == STATE for n in notes_of(m.warnings, DIFFER)) else BOTH
         return [f"{what}.", AGAIN]
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
@@ -716,10 +716,10 @@ def _steps(m: Material) -> list[str]:
     if m.verdict == "unexplained" and (
         _said(m, LOST) or any(NO_MASSES in text for text in _said(m, GRAVITY))
     ):
-        return [APART, AGAIN]
-    if m.verdict == "unexplained" and unlike(m) and not m.network:
-        slow = all(STARTS in text for text in unlike(m))
-        return [SLOWLY if slow else ELSEWHERE, AGAIN]
+        return [_APART, AGAIN]
+    if m.verdict == "unexplained" and _unlike(m) and not m.network:
+        slow = all(STARTS in text for text in _unlike(m))
+        return [SLOWLY if slow else _ELSEWHERE, AGAIN]
     if m.verdict == "unexplained" and m.problem.runs > 1 and _changes_with_time(m):
         return [EACH_ALONE, *FIXED[m.verdict]]
     if m.verdict == "ambiguous":

@@ -20,9 +20,9 @@ from hil.rig.config import SafetyConfig
 from hil.userfile import open_regular
 
 #: Times without a tick that a watchdog can tell from ordinary delays, and that make sense [s].
-SHORTEST, LONGEST = 0.02, 10.0
+_SHORTEST, _LONGEST = 0.02, 10.0
 #: Largest program that is taken for one, most that its words may have together [byte].
-LARGEST, LONGEST_WORDS = 2**28, 2**14
+_LARGEST, _LONGEST_WORDS = 2**28, 2**14
 #: How a compiled program begins: Linux and BSD, macOS (three kinds).
 _ELF = b"\x7fELF"
 _MACH = (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa\xcf")
@@ -54,9 +54,9 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
             f"[safety]: watchdog = {safety.watchdog:g} has no program to run; give what takes the "
             'power off, e.g. cut = ["usbrelay", "HW554_1=0"]'
         )
-    if not SHORTEST <= safety.watchdog <= LONGEST:
+    if not _SHORTEST <= safety.watchdog <= _LONGEST:
         raise ConfigError(
-            f"[safety]: watchdog = {safety.watchdog:g} s; {SHORTEST} to {LONGEST:g} s is needed: "
+            f"[safety]: watchdog = {safety.watchdog:g} s; {_SHORTEST} to {_LONGEST:g} s is needed: "
             "an ordinary process is kept waiting for milliseconds, and no arm may run on for long"
         )
     _words(words)
@@ -86,10 +86,10 @@ def _words(words: tuple[str, ...]) -> None:
     """Refuse what no program can be given: a zero byte, or more than the system passes on."""
     long = sum(len(word.encode()) for word in words)
     held = next((word for word in words if "\0" in word), "")
-    if held or long > LONGEST_WORDS:
+    if held or long > _LONGEST_WORDS:
         why = f"{held!r} holds a zero byte, which no program can be given"
         if not held:
-            why = f"its words have {long} bytes, at most {LONGEST_WORDS}; put them into a script"
+            why = f"its words have {long} bytes, at most {_LONGEST_WORDS}; put them into a script"
         raise ConfigError(f"[safety] cut: {why}. The watchdog could not take the power off.")
 
 
@@ -109,7 +109,7 @@ def _program(name: str, what: str) -> Path:
         raise ConfigError(f"{what} {why}. The watchdog could not take the power off.")
     path = Path(found).resolve()
     try:
-        with open_regular(path, LARGEST) as file:
+        with open_regular(path, _LARGEST) as file:
             head = file.readline(256)
             broken = _broken(file) if head.startswith(_ELF) else ""
     except OSError as error:

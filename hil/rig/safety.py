@@ -221,16 +221,16 @@ def warm(current: float, dt: float, c: Any, heat: Any) -> float:
 POSITION_GRID, VELOCITY_GRID, FORCE_GRID, TORQUE_GRID = 2.0**-21, 2.0**-12, 2.0**-13, 2.0**-20
 EFFORT_GRID = 2.0**-24
 #: What a count or two may do to a difference of positions [rad].
-FLOOR = 5e-4
+_FLOOR = 5e-4
 #: How much further out a joint, a fold or the tip may get after a `resume` outside of its range, as
 #: a share of the range; and the longest range of which that counts [rad or m], of the tip [m].
 #: Half: an arm that fell while it was paused stops again before its law has caught it; double: it
 #: may go on far outside.
-FURTHER, LONGEST, TIP_LONGEST = 0.2, 2.0, 0.25
+_FURTHER, _LONGEST, _TIP_LONGEST = 0.2, 2.0, 0.25
 #: Multiple of its torque limit that a driver may send: its last code is rounded.  Nearer to 1: a
 #: coarse converter at a small limit faults; double: a gain of the wrong size goes on.  And what
 #: rounding may add to it [N m or N], as a joint feels the codes of several motors.
-EXCESS, ROUNDED = 1.25, 2e-3
+_EXCESS, _ROUNDED = 1.25, 2e-3
 #: A lamp goes back below this share of its threshold.
 HYSTERESIS = 0.9
 #: memory: hottest winding [degC] to a hundredth, stale joint and force readings, readings so far,
@@ -348,11 +348,11 @@ def excess(x: float, low: float, high: float) -> float:
 @nb.njit(cache=True, nogil=True)
 def room(low: float, high: float, longest: float) -> float:
     """How much further out of its range something may get, once it may be outside."""
-    return FURTHER * min(high - low, longest)
+    return _FURTHER * min(high - low, longest)
 
 
 @nb.njit(cache=True, nogil=True)
-def further(out: float, may: Any, at: int, more: float) -> bool:
+def _further(out: float, may: Any, at: int, more: float) -> bool:
     """Whether what is `out` of its range may not be: it left it, or got further than it may.
 
     Parameters
@@ -382,7 +382,7 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
         out = excess(q[i], lim[row + _LOW], lim[row + _HIGH])
         if allow:
             memory[at] = out
-        if further(out, memory, at, room(lim[row + _LOW], lim[row + _HIGH], LONGEST)):
+        if _further(out, memory, at, room(lim[row + _LOW], lim[row + _HIGH], _LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     folds = _ROWS + _BOUNDS * q.size
@@ -391,7 +391,7 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
         out = excess(q[int(lim[n])] - q[int(lim[n + 1])], lim[n + 2], lim[n + 3])
         if allow:
             memory[at] = out
-        if further(out, memory, at, room(lim[n + 2], lim[n + 3], LONGEST)):
+        if _further(out, memory, at, room(lim[n + 2], lim[n + 3], _LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     memory[ACUTE] = acute
@@ -409,9 +409,9 @@ def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> in
         step = q[i] - memory[own + _Q]
         if memory[_SEEN] >= 2.0:
             # |q_k - q_(k-1)| <= 2 v_max dt;  |q_k - 2 q_(k-1) + q_(k-2)| <= a_max dt^2
-            if fabs(step) > 2.0 * lim[row + _SPEED] * dt + FLOOR:
+            if fabs(step) > 2.0 * lim[row + _SPEED] * dt + _FLOOR:
                 mask |= _JUMP
-            bend = lim[_ACC] * dt * dt + FLOOR
+            bend = lim[_ACC] * dt * dt + _FLOOR
             if single and memory[_SEEN] >= 4.0 and fabs(step - memory[own + _STEP]) > bend:
                 mask |= _JUMP
         memory[own + _STEP], memory[own + _Q] = step, q[i]
@@ -419,7 +419,7 @@ def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> in
 
 
 @nb.njit(cache=True, nogil=True)
-def driven(sent: Any, dt: float, memory: Any, lim: Any) -> int:
+def _driven(sent: Any, dt: float, memory: Any, lim: Any) -> int:
     """Heat of the motors, and joints that do not answer to them; `sent` of the last tick."""
     mask, hottest = 0, -273.0
     for i in range(sent.size):
@@ -496,7 +496,7 @@ def examine(
     else:
         memory[_SEEN] += 1.0
         mask |= moved(q, qd, dt, single, memory, lim)
-    mask |= driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
+    mask |= _driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
     memory[HOTTEST] = hottest(memory, lim)
     return mask
 
@@ -525,9 +525,9 @@ def leave(sent: Any, counts: Any, codes: Any, gauges: Any, words: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def exceeded(sent: Any, torque_limit: Any) -> bool:
-    """Whether a driver sent more than `EXCESS` times the limit (d,) [N m], or no number."""
+    """Whether a driver sent more than `_EXCESS` times the limit (d,) [N m], or no number."""
     for i in range(sent.size):
-        if not fabs(sent[i]) <= EXCESS * torque_limit[i] + ROUNDED:
+        if not fabs(sent[i]) <= _EXCESS * torque_limit[i] + _ROUNDED:
             return True
     return False
 
@@ -552,7 +552,7 @@ def outside(tip: Any, box: Any, may: Any, allow: bool) -> int:
         out = excess(tip[i], box[0, i], box[1, i])
         if allow:
             may[i] = out
-        if further(out, may, i, room(box[0, i], box[1, i], TIP_LONGEST)):
+        if _further(out, may, i, room(box[0, i], box[1, i], _TIP_LONGEST)):
             found = 2
         elif out > 0.0 and found == 0:
             found = 1

@@ -392,7 +392,7 @@ def _why(error: BaseException) -> str:
 
 
 #: Ctrl-C unwinds already, as KeyboardInterrupt.
-SIGNALS = ("SIGTERM", "SIGHUP")
+_SIGNALS = ("SIGTERM", "SIGHUP")
 
 
 def _unwind(number: int, frame: FrameType | None) -> None:
@@ -413,7 +413,7 @@ def unwinding_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    found = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    found = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
     old = {number: signal.signal(number, _unwind) for number in found}
     try:
         yield

@@ -29,7 +29,7 @@ from typing import Any
 #: beat, 1 = it cuts.
 LOOP_BEAT, TICK, ENDED, ASKED, ANSWER, DOG_BEAT, CUTS = range(7)
 #: How often hearts are felt, in shares of the time-out; the longest pause between [s].
-SHARE, LONGEST = 0.2, 0.1
+_SHARE, _LONGEST = 0.2, 0.1
 #: A cut that fails is tried so often; pause before the next [s], and how long one may take [s].
 ATTEMPTS, PAUSE, LIMIT = 3, 0.2, 10.0
 #: Metadata record of a session with the report.
@@ -43,7 +43,7 @@ def watch(page: memoryview[int], parent: int, timeout: float) -> str:
 
     Before the first beat the loop is not running, and only the life of the process counts.
     """
-    pause = min(timeout * SHARE, LONGEST)
+    pause = min(timeout * _SHARE, _LONGEST)
     while True:
         page[DOG_BEAT] = time.monotonic_ns()
         beat_ns = page[LOOP_BEAT]

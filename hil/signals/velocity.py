@@ -21,7 +21,7 @@ from hil.toml import parse
 
 
 @nb.njit(cache=True, nogil=True)
-def first_difference(counts: Any, state: Any, steps: int, out: Any) -> None:
+def _first_difference(counts: Any, state: Any, steps: int, out: Any) -> None:
     """V = (y_k - y_(k-1)) / T; state: last count."""
     for i in range(counts.size):
         out[i] = (counts[i] - state[i, 0]) / steps
@@ -41,7 +41,7 @@ def filtered_difference(counts: Any, state: Any, steps: int, beta: float, out: A
 
 
 @nb.njit(cache=True, nogil=True)
-def remember(counts: Any, past: Any, steps: int) -> None:
+def _remember(counts: Any, past: Any, steps: int) -> None:
     """Move `counts` (n,) into `past` (n, window), in which the newest comes first.
 
     What lies between the last call and this one is filled in by a line.
@@ -62,7 +62,7 @@ def end_fit(counts: Any, past: Any, steps: int, noise: float, out: Any) -> None:
 
     b_n = (y_k - y_(k-n)) / n; accept n while |y_k - b_n j - y_(k-j)| <= noise, 0 < j < n
     """
-    remember(counts, past, steps)
+    _remember(counts, past, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
         row = past[i]
@@ -81,7 +81,7 @@ def best_fit(counts: Any, past: Any, steps: int, noise: float, out: Any) -> None
 
     b_n = 6 sum_(i=0..n) (n - 2 i) y_(k-i) / (n (n + 1) (n + 2)); accepted as in `end_fit`
     """
-    remember(counts, past, steps)
+    _remember(counts, past, steps)
     window = past.shape[1]
     for i in range(past.shape[0]):
         row = past[i]
@@ -158,7 +158,7 @@ def low_passed_slope(
         out[i] = state[i, 1]
 
 
-GROUP = "hil.velocity"
+_GROUP = "hil.velocity"
 
 
 class VelocityEstimator(Protocol):
@@ -181,7 +181,7 @@ class VelocityEstimator(Protocol):
 
 def names() -> list[str]:
     """All estimators, built in or from entry points of the group ``hil.velocity``."""
-    return sorted(registry.names(GROUP))
+    return sorted(registry.names(_GROUP))
 
 
 def estimator(
@@ -205,7 +205,7 @@ def estimator(
     ConfigError
         For an unknown name or option, or a value out of range.
     """
-    config = parse(registry.load(GROUP, name), options, f"velocity {name}")
+    config = parse(registry.load(_GROUP, name), options, f"velocity {name}")
     built: VelocityEstimator = config.build(channels, period)
     return built
 
@@ -216,7 +216,7 @@ class FirstDifference:
 
     def build(self, channels: int, period: float) -> VelocityEstimator:
         """Estimator of so many channels."""
-        return _Plain(channels, 1, first_difference, ())
+        return _Plain(channels, 1, _first_difference, ())
 
 
 @dataclass(frozen=True)

@@ -52,9 +52,9 @@ ADVICE = {
     "trust": "Look at it, then agree to it in the editor, in a text that imports no file beside it",
 }
 #: Rows of a column that are shown.
-FIRST = 3
+_FIRST = 3
 #: What a column of a table can be: stem, name on the page, units that are offered, SI first.
-KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+_KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("t", "time", tuple(FACTORS["t"])),
     ("q", "position", ("rad", "deg", "rev", "mrad", "m", "mm", "cm")),
     ("tau", "effort", ("Nm", "mNm", "Ncm", "N", "mN", "A", "mA")),
@@ -63,7 +63,7 @@ KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("tauext", "outside effort", ("Nm", "mNm", "N", "mN")),
     ("temp", "temperature", ("degC", "K")),
 )
-_STEMS = {stem: units for stem, _, units in KINDS}
+_STEMS = {stem: units for stem, _, units in _KINDS}
 _KEYS = {"column", "kind", "joint", "unit", "flip"}
 
 
@@ -74,7 +74,7 @@ class Picked:
     Parameters
     ----------
     columns : tuple of mapping
-        Each ``column``, ``kind`` (a stem of `KINDS`), ``joint`` (from 1), ``unit``, ``flip``.
+        Each ``column``, ``kind`` (a stem of `_KINDS`), ``joint`` (from 1), ``unit``, ``flip``.
     urdf : str
         File of the robot; empty without one.
     constant : str
@@ -193,7 +193,7 @@ def shown(path: Path) -> dict[str, Any]:
     guesses = guess(table.names)
     return {
         "file": path.name,
-        "kinds": [{"stem": s, "name": n, "units": list(u)} for s, n, u in KINDS],
+        "kinds": [{"stem": s, "name": n, "units": list(u)} for s, n, u in _KINDS],
         "columns": [_column(table, name, guesses[name]) for name in table.names],
         "output": f"{path.stem}.mcap",
     }
@@ -205,7 +205,7 @@ def _column(table: ForeignTable, name: str, guessed: Mapping[str, Any]) -> dict[
     low, high = (float(fine.min()), float(fine.max())) if fine.size else (np.nan, np.nan)
     return {
         "name": name,
-        "first": [rounded(float(v), 5) for v in values[:FIRST]],
+        "first": [rounded(float(v), 5) for v in values[:_FIRST]],
         "low": rounded(low, 4),
         "high": rounded(high, 4),
         "missing": int(values.size - fine.size),
@@ -300,7 +300,7 @@ def _inline(value: Any) -> str:
 
 
 #: Largest text of the editor [character].
-LARGEST = 12_000
+_LARGEST = 12_000
 TEMPLATE = '''"""One effect of our own."""
 
 from hil.models.effect import Doc, Effect, Param
@@ -366,8 +366,8 @@ def learn(
         )
     if path.suffix != ".py" or not path.stem.isidentifier():
         raise ConfigError(f"cannot write {path}: a file of effects is called NAME.py")
-    if len(text) > LARGEST:
-        raise ConfigError(f"the text has {len(text)} characters; at most {LARGEST} are taken")
+    if len(text) > _LARGEST:
+        raise ConfigError(f"the text has {len(text)} characters; at most {_LARGEST} are taken")
     source = text.encode()
     if path.exists() and not ours and read_bytes(path, LARGEST_TEXT) != source:
         raise ConfigError(f"cannot write {path}: a file is there; choose another name")

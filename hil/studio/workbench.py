@@ -30,7 +30,7 @@ from hil.report.data import candidate_json, diagnosis_json, from_diagnosis, regi
 from hil.report.html import comparison_report, diagnosis_report
 
 #: Candidates that are listed.
-LISTED = 12
+_LISTED = 12
 
 
 @dataclass(frozen=True)
@@ -456,7 +456,7 @@ class Workbench:
         rows: list[dict[str, Any]] = []
         for x in c.evidence.candidates:
             own = x.name in self.own
-            if not own and len(rows) >= LISTED:
+            if not own and len(rows) >= _LISTED:
                 continue
             data = candidate_json(x, c.evidence, alone)
             if (data["effect"], data["joint"] or "*") in held or (data["effect"], "*") in held:

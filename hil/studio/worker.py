@@ -31,7 +31,7 @@ from hil.studio import workbench as bench_verbs
 from hil.studio.workbench import Inputs, Recommended, StudioRung, Workbench
 
 #: What the page may ask for, and the names of its arguments.
-VERBS = {
+_VERBS = {
     **bench_verbs.VERBS,
     "open": ("path", "use"),
     "preview": ("picks",),
@@ -284,9 +284,9 @@ def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
     ConfigError
         If the request is none, or has other arguments.
     """
-    if verb not in VERBS:
-        raise ConfigError(f"no request {verb!r}; there are {', '.join(VERBS)}")
-    names = VERBS[verb]
+    if verb not in _VERBS:
+        raise ConfigError(f"no request {verb!r}; there are {', '.join(_VERBS)}")
+    names = _VERBS[verb]
     if set(given) != set(names) or not all(isinstance(v, str) for v in given.values()):
         wanted = ", ".join(names) or "nothing"
         raise ConfigError(f"request {verb!r} takes {wanted}, as text; got {', '.join(given)}")

@@ -19,7 +19,7 @@ from hil.teleop.hybrid import ComplexArray, FloatArray
 
 #: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
 #: with a sample of delay and usual filters it is stable for 1/kappa >= 0.18 and unstable at 0.05.
-REFUSED = 9.0
+_REFUSED = 9.0
 
 
 def q_matrix(design: Design) -> FloatArray:
@@ -89,7 +89,7 @@ def _way_out(design: Design, limit: float, runs: Callable[[Design], bool]) -> st
 _STEPS: FloatArray = np.geomspace(1.0005, 8.9, 12)
 
 
-def nearest(design: Design, limit: float = REFUSED) -> Design:
+def nearest(design: Design, limit: float = _REFUSED) -> Design:
     """Nearest design (Frobenius norm of Q) with kappa(Q) <= limit and D > 0.
 
     With the singular values s1 >= s2 of A = [[1 + c6, c2], [c3, 1 + c5]] = U diag(s1, s2) V^T and
@@ -122,7 +122,7 @@ def nearest(design: Design, limit: float = REFUSED) -> Design:
 
 
 def transform(
-    design: Design, limit: float = REFUSED, runs: Callable[[Design], bool] = lambda _: True
+    design: Design, limit: float = _REFUSED, runs: Callable[[Design], bool] = lambda _: True
 ) -> Design:
     """Equivalent controller that measures no force: same H, same closed-loop poles.
 

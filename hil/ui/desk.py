@@ -28,13 +28,13 @@ from hil.runtime.board import read_board
 from hil.runtime.commands import COMMANDS
 
 #: Commands of the page; `stop` is everybody's, and has a way of its own.
-WORDS = ("start", "pause", "resume", "home", "stop", "set", "note", "record")
+_WORDS = ("start", "pause", "resume", "home", "stop", "set", "note", "record")
 #: Silence of who commands after which the session is paused and the place is free [s].
 SILENCE = 2.0
 #: Commands a second that one page may give.
 RATE = 20
 #: Characters of a command, and lines of the program that are kept.
-LONGEST, LINES = 200, 200
+_LONGEST, _LINES = 200, 200
 
 
 class SessionProgram(threading.Thread):
@@ -49,7 +49,7 @@ class SessionProgram(threading.Thread):
     def __init__(self, words: Sequence[str]) -> None:
         super().__init__(daemon=True)
         self.board = Path(tempfile.mkdtemp(prefix="hil-board-")) / "board"
-        self.said: deque[str] = deque(maxlen=LINES)
+        self.said: deque[str] = deque(maxlen=_LINES)
         self._process = subprocess.Popen(
             [*PROGRAM, "run", *words, "--board", str(self.board), "--operator"],
             stdin=subprocess.PIPE,
@@ -139,7 +139,7 @@ class Desk:
         self._lock = threading.Lock()
         self._seat = Seat()
         self._program: Any = None
-        self._log: deque[str] = deque(maxlen=LINES)
+        self._log: deque[str] = deque(maxlen=_LINES)
         self._silent = ""
         self.path: Path | None = None
 
@@ -197,10 +197,10 @@ class Desk:
         if not isinstance(text, str) or not _is_whole(number):
             raise ConfigError("a command has a number and a text")
         words = text.split()
-        if not words or words[0] not in WORDS:
-            raise ConfigError(unknown("command", words[0] if words else "", WORDS))
-        if len(text) > LONGEST or not text.isprintable():
-            raise ConfigError(f"a command has at most {LONGEST} characters, all of them printable")
+        if not words or words[0] not in _WORDS:
+            raise ConfigError(unknown("command", words[0] if words else "", _WORDS))
+        if len(text) > _LONGEST or not text.isprintable():
+            raise ConfigError(f"a command has at most {_LONGEST} characters, all of them printable")
         with self._lock:
             self._allowed(page, number, now)
             if number <= self._seat.number:
@@ -255,7 +255,7 @@ class Desk:
             if self._program is not None and self._program.code is None:
                 raise ConfigError("a session is running; stop it first")
             if self._program is not None:
-                self._program.wait(PATIENCE)
+                self._program.wait(_PATIENCE)
             self.path = self._output()
             self._program = self._make([*self._words, "--wait", "-o", str(self.path)])
             self._log.append(f"session {self.path}")
@@ -297,7 +297,7 @@ def _disk(path: Path | None) -> dict[str, int]:
 
 
 #: How often the screen is drawn, and how long a session may take to end [s].
-EVERY, PATIENCE = 0.2, 10.0
+EVERY, _PATIENCE = 0.2, 10.0
 #: Part of a line: style and text.
 Part = tuple[str, str]
 _STATES = {"ENABLED": "ansigreen", "PAUSED": "ansiyellow", "FAULT": "ansired"}
@@ -345,7 +345,7 @@ def show(words: Sequence[str]) -> int:
             watch.join()
     finally:
         program.end()
-        program.wait(PATIENCE)
+        program.wait(_PATIENCE)
     _say(program)
     return program.code or 0
 
@@ -366,7 +366,7 @@ def _commanded(program: SessionProgram, prompt: Any) -> None:
 def _ended(program: SessionProgram, over: threading.Event) -> None:
     """Have the session end as the command stop does: zero torque, file closed, summary printed."""
     program.write("stop")
-    for _ in range(int(PATIENCE / EVERY)):
+    for _ in range(int(_PATIENCE / EVERY)):
         if program.code is not None:
             return
         over.wait(EVERY)

@@ -14,7 +14,7 @@ import can
 from hil.sim_devices.canbus.line import LINES, Frame, Node
 
 #: Frames that the transmit queue takes, as a SocketCAN device does by default.
-QUEUE = 10
+_QUEUE = 10
 #: A `recv` without time-out gives up after this much simulated time without any frame.
 FOREVER_NS = 3_600_000_000_000
 
@@ -82,7 +82,7 @@ class SimBus(can.BusABC):
             raise can.CanOperationError("bus is shut down, or not a data frame of 11 bits")
         if self._host.off:
             raise can.CanOperationError("the controller is bus-off: too many transmit errors")
-        if len(self._host.outbox) >= QUEUE:
+        if len(self._host.outbox) >= _QUEUE:
             raise can.CanOperationError("Failed to transmit: No buffer space available")
         self._host.outbox.append(
             (self._line.time.now_ns, Frame(msg.arbitration_id, bytes(msg.data)))

@@ -17,7 +17,7 @@ import numba as nb
 from hil.sim_devices.simtime import SimTime
 
 #: After the check sum: its delimiter, acknowledge slot and delimiter, 7 bits of end of frame.
-TAIL = 10
+_TAIL = 10
 #: Bits of silence before the next frame may start.
 PAUSE = 3
 #: Error flag, its echo and delimiter at most: 6 + 6 + 8.
@@ -69,7 +69,7 @@ def bits(ident: int, data: Any) -> int:
             # the stuff bit starts a run of its own
             count += 1
             last, run = 1 - bit, 1
-    return count + TAIL
+    return count + _TAIL
 
 
 #: Lengths of frames without data, by identifier: requests, the same ones all the time.
@@ -87,7 +87,7 @@ def length(frame: Frame) -> int:
 
 
 #: A transmitter counts 8 per failure, and leaves the bus above 255.
-FAILURE, PASSIVE, OFF = 8, 128, 256
+_FAILURE, _PASSIVE, _OFF = 8, 128, 256
 
 
 class Node:
@@ -117,7 +117,7 @@ class Node:
     @property
     def off(self) -> bool:
         """Bus-off: too many failures."""
-        return self.failures >= OFF
+        return self.failures >= _OFF
 
     def hear(self, frame: Frame, t_ns: int) -> None:
         """A frame has gone over the bus, complete at `t_ns`."""
@@ -181,7 +181,7 @@ class CanLine:
         """Which frame goes next, and when; the lowest identifier of those that wait wins."""
         start = -1
         for node in self.nodes:
-            if node.outbox and node.powered and node.failures < OFF:
+            if node.outbox and node.powered and node.failures < _OFF:
                 at = node.outbox[0][0]
                 if at < start or start < 0:
                     start = at
@@ -191,7 +191,7 @@ class CanLine:
             start = self._idle_ns
         frame, winners, clash = None, [], False
         for node in self.nodes:
-            if node.outbox and node.powered and node.failures < OFF:
+            if node.outbox and node.powered and node.failures < _OFF:
                 at, mine = node.outbox[0]
                 if at > start:
                     continue
@@ -208,7 +208,7 @@ class CanLine:
         # acknowledged: somebody else hears it at this bit rate, nobody at another destroys it
         rate, heard, disturbed = winners[0].bit_rate, False, False
         for node in self.nodes:
-            if node.powered and node.failures < OFF:
+            if node.powered and node.failures < _OFF:
                 if node.bit_rate != rate:
                     disturbed = True
                 elif not heard:
@@ -231,7 +231,7 @@ class CanLine:
                 node.failures -= 1
         self.frames += 1
         for node in self.nodes:
-            if node.powered and node.failures < OFF and node not in senders:
+            if node.powered and node.failures < _OFF and node not in senders:
                 node.hear(frame, end_ns)
 
     def _count(self, senders: list[Node], end_ns: int) -> None:
@@ -239,8 +239,8 @@ class CanLine:
         alone = len([n for n in self.nodes if n.powered]) == len(senders)
         for node in senders:
             # nobody else there: the counter stops at error-passive (ISO 11898-1)
-            if not (alone and node.failures >= PASSIVE):
-                node.failures += FAILURE
+            if not (alone and node.failures >= _PASSIVE):
+                node.failures += _FAILURE
             if node.off:
                 node.outbox.clear()
             node.error(end_ns)

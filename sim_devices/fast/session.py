@@ -145,7 +145,7 @@ def idlers(p: Any, x: Any, link: Any, dt: float) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def chance(p: Any, x: Any, random: Any, tick: float) -> None:
+def _chance(p: Any, x: Any, random: Any, tick: float) -> None:
     """What happens at random in a tick: jittered delay, lost counts, the telegraph's flips."""
     for i in range(3):
         if p.jitter[i] > 0.0:
@@ -159,7 +159,7 @@ def chance(p: Any, x: Any, random: Any, tick: float) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def shaft(p: Any, x: Any, i: int) -> float:
+def _shaft(p: Any, x: Any, i: int) -> float:
     """What the encoder of motor i sees [rad]: its angle and its eccentric disc."""
     seen = float(x.qm[i])
     if p.wobble[i] != 0.0:
@@ -172,7 +172,7 @@ def shaft(p: Any, x: Any, i: int) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def substep(p: Any, x: Any, t: float, elapsed: float, tick: float, dt: float, link: Any) -> None:
+def _substep(p: Any, x: Any, t: float, elapsed: float, tick: float, dt: float, link: Any) -> None:
     """Semi-implicit Euler step of motors, cables and links; `link` (3,) is scratch [N m]."""
     for i in range(3):
         pull = cable(p, x, i)
@@ -244,7 +244,7 @@ def run(
     q, v, codes, link = np.zeros(3), np.zeros(3), np.zeros(3, np.int64), np.zeros(3)
     for k in range(reference.shape[0]):
         for i in range(3):
-            count = floor((shaft(p, x, i)) * p.encoder[i] + x.lost[i])
+            count = floor((_shaft(p, x, i)) * p.encoder[i] + x.lost[i])
             place = (count + 0.5) / p.encoder[i]
             if k > 0:
                 v[i] += share * ((place - q[i]) / tick - v[i])
@@ -252,13 +252,13 @@ def run(
         control(p, reference[k], q, v, gains, codes)
         for i in range(3):
             out[k, i], out[k, 3 + i], out[k, 6 + i] = q[i], v[i], codes[i] * p.dac[i]
-        chance(p, x, random[k], tick)
+        _chance(p, x, random[k], tick)
         world.command(p, x, codes, random[k], tick)
         x.force[:] = push[k]
         for n in range(substeps):
             if n == 0:
                 world.tip(p, x)
-            substep(p, x, k * tick + n * dt, n * dt, tick, dt, link)
+            _substep(p, x, k * tick + n * dt, n * dt, tick, dt, link)
 
 
 # Memory layout of the compiled session: the further hidden effects and the plant's records.
@@ -321,14 +321,14 @@ _MORE_STATE = np.dtype(
 #: Parameters of the arm; all of the first part are zero unless an effect is hidden.
 # The plant's fields come last: Numba takes a record that only continues another one for that
 # other type, with a warning, and a function compiled for the plant would serve both.
-ARM = np.dtype(_MORE.descr + PLANT_ARM.descr)
-STATE = np.dtype(_MORE_STATE.descr + PLANT_STATE.descr)
+_ARM = np.dtype(_MORE.descr + PLANT_ARM.descr)
+_STATE = np.dtype(_MORE_STATE.descr + PLANT_STATE.descr)
 
 
 # What may be hidden in a session: name -> which fields it sets; and kinds of no catalogue.
 
 #: Names that begin so are in no catalogue.
-OUTSIDE = "outside-"
+_OUTSIDE = "outside-"
 
 
 @dataclass(frozen=True)
@@ -454,7 +454,7 @@ def apply(p: NDArray[np.void], sensors: dict[str, float], row: dict[str, Any]) -
 
 FloatArray = NDArray[np.float64]
 #: Resolution and noise of the force sensor [N], what its certificate does not know.
-STEP, FORCE_NOISE, CROSSTALK = 1.0 / 1280.0, 2e-3, 2e-3
+_STEP, _FORCE_NOISE, _CROSSTALK = 1.0 / 1280.0, 2e-3, 2e-3
 
 
 def axes(q: FloatArray) -> FloatArray:
@@ -472,13 +472,13 @@ def force(
     turn = axes(q)
     f = np.einsum("nij,nj->ni", turn, push)
     k, t = int(effects.get("joint", 0)), tick * np.arange(len(q))
-    e = CROSSTALK * np.random.default_rng(0xCA1).standard_normal((3, 3))
+    e = _CROSSTALK * np.random.default_rng(0xCA1).standard_normal((3, 3))
     e[k, (k + 1) % 3] += effects.get("cross", 0.0)
     f = f @ (np.eye(3) + e).T
     # gain that is largest for small forces: f (1 + g / (1 + |f|))
     f[:, k] *= 1.0 + effects.get("gain", 0.0) / (1.0 + np.abs(f[:, k]))
     f[:, k] += effects.get("bias", 0.0) + effects.get("drift", 0.0) * t / (t + 10.0)
-    f = STEP * np.round((f + FORCE_NOISE * rng.standard_normal(f.shape)) / STEP)
+    f = _STEP * np.round((f + _FORCE_NOISE * rng.standard_normal(f.shape)) / _STEP)
     out = np.zeros((len(q), 6))
     out[:, :3] = np.einsum("nij,ni->nj", turn, f)
     return out
@@ -497,11 +497,11 @@ def late(q: FloatArray, seconds: float, joint: int, tick: float) -> FloatArray:
     return out
 
 
-TICK = 1e-3
+_TICK = 1e-3
 #: Torque noise [N m] of the two colours, alike below 20 Hz: at 5 Hz corner, and white at 1 kHz.
-NOISE = {"coloured": (1.0e-3, 5e-4), "white": (0.0, 4.0e-3)}
+_NOISE = {"coloured": (1.0e-3, 5e-4), "white": (0.0, 4.0e-3)}
 #: Gains of the joint controller: stiffness, damping, nominal gravity, inertia, friction.
-GAINS = np.array(
+_GAINS = np.array(
     [
         [8.0, 8.0, 4.0],
         [0.14, 0.14, 0.07],
@@ -511,7 +511,7 @@ GAINS = np.array(
     ]
 )
 VELOCITY_FILTER = 3e-3
-SENSOR = "nano17"
+_SENSOR = "nano17"
 
 
 def simulate(
@@ -553,24 +553,24 @@ def simulate(
         p[0],
         start(p, reference[0, :, 0])[0],
         reference,
-        GAINS,
-        1.0 - float(np.exp(-TICK / VELOCITY_FILTER)),
+        _GAINS,
+        1.0 - float(np.exp(-_TICK / VELOCITY_FILTER)),
         np.zeros((n, 3)) if push is None else push,
         rng.standard_normal((n, NOISES)),
-        TICK,
+        _TICK,
         SUBSTEPS,
         out,
     )
-    q = late(out[:, :3], chain.get("lag", 0.0), int(chain.get("joint", 0)), TICK)
+    q = late(out[:, :3], chain.get("lag", 0.0), int(chain.get("joint", 0)), _TICK)
     found: dict[str, FloatArray] = {}
     found |= {
-        "t": TICK * np.arange(n, dtype=np.float64),
+        "t": _TICK * np.arange(n, dtype=np.float64),
         "q": q,
         "qd": out[:, 3:6],
         "tau": out[:, 6:],
     }
     if push is not None:
-        found["wrench"] = force(push, out[:, :3], chain, rng, TICK)
+        found["wrench"] = force(push, out[:, :3], chain, rng, _TICK)
     return found
 
 
@@ -578,11 +578,11 @@ def plant(
     hidden: list[dict[str, Any]], noise: str, locked: bool
 ) -> tuple[NDArray[np.void], dict[str, float]]:
     """Record (1,) of the arm with its hidden effects, and the amplitudes of sensor effects."""
-    nominal = truth.arm(truth.load("nominal"), SENSOR, np.zeros((6, 6)))
-    p = np.zeros(1, ARM)
+    nominal = truth.arm(truth.load("nominal"), _SENSOR, np.zeros((6, 6)))
+    p = np.zeros(1, _ARM)
     for name in nominal.dtype.names or ():
         p[name] = nominal[name]
-    p["noise_low"], p["noise_white"] = NOISE[noise]
+    p["noise_low"], p["noise_white"] = _NOISE[noise]
     p["locked"] = int(locked)
     chain: dict[str, float] = {}
     for row in hidden:
@@ -592,7 +592,7 @@ def plant(
 
 def start(p: NDArray[np.void], home: FloatArray) -> NDArray[np.void]:
     """State (1,) at rest at `home` (3,) [rad]."""
-    x = np.zeros(1, STATE)
+    x = np.zeros(1, _STATE)
     x["qm"][0], x["q"][0], x["osc"][0, :, 0] = home, home, home
     # idlers of the pairs (1, 2), (2, 3), (1, 3)
     x["idle"][0, :, 0] = home[[0, 1, 0]] + home[[1, 2, 2]]

@@ -28,7 +28,7 @@ _FOUR, _THREE = struct.Struct(">Hhhh").pack, struct.Struct(">hhh").pack
 THERMISTOR = 2
 DIAGNOSTICS = {0: 0x0201, THERMISTOR: 0x00B1, 3: 0x0118, 4: 0x001F, 5: 0x8009}
 #: Bits of the status word.
-WATCHDOG, BAD_CALIBRATION, CAN_ERROR, ANY_ERROR = 1 << 0, 1 << 6, 1 << 14, 1 << 15
+_WATCHDOG, _BAD_CALIBRATION, _CAN_ERROR, _ANY_ERROR = 1 << 0, 1 << 6, 1 << 14, 1 << 15
 
 
 @dataclass
@@ -175,11 +175,11 @@ class NetCanOemBoard(Node):
         """Status word now."""
         word = self.faults.status
         if self.active not in self.slots:
-            word |= BAD_CALIBRATION
+            word |= _BAD_CALIBRATION
         if self.failures >= 96:
-            word |= CAN_ERROR
+            word |= _CAN_ERROR
         # on a real board every sample says 0x4000: trouble on the bus does not set the last bit
-        return word | ANY_ERROR if word & ~(ANY_ERROR | CAN_ERROR) else word
+        return word | _ANY_ERROR if word & ~(_ANY_ERROR | _CAN_ERROR) else word
 
     def _gauges(self, request: bytes, t_ns: int) -> list[bytes]:
         g = self.transducer.read(t_ns).tolist()

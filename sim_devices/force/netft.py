@@ -18,7 +18,7 @@ from hil.sim_devices.force.transducer import Transducer
 from hil.sim_devices.simtime import SimTime
 
 #: Counts per N and per N m of both boxes here.
-COUNTS = 1_000_000
+_COUNTS = 1_000_000
 NETWORK_NS = 100_000
 #: Records that the host's socket keeps, the oldest first; what comes on top is lost.
 SOCKET_RECORDS = 128
@@ -35,7 +35,7 @@ class Converter:
 
     def __init__(self, transducer: Transducer) -> None:
         self.transducer = transducer
-        self._matrix = transducer.certificate.wrench_per_word() * COUNTS
+        self._matrix = transducer.certificate.wrench_per_word() * _COUNTS
         self._bias = np.zeros(6)
 
     def counts(self, t_ns: int) -> NDArray[np.int64]:

@@ -23,7 +23,7 @@ from hil.errors import ConfigError, unknown
 
 Array = NDArray[np.float64]
 #: Readings whose random numbers are drawn at once: few, so that none takes much longer than others.
-BLOCK = 16
+_BLOCK = 16
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Transducer:
         self._facts = np.array([facts["noise"], facts["walk"], facts["gain_per_kelvin"]])
         self._warm, self._tau = facts["warming"], facts["warming_time"]
         self._walk = np.zeros(6)
-        self._rng, self._noise, self._left = rng, np.zeros((BLOCK, 12)), 0
+        self._rng, self._noise, self._left = rng, np.zeros((_BLOCK, 12)), 0
         self._last_ns = 0
         self.load, self.words = np.zeros(6), np.zeros(6, np.int64)
         self.warming = 0.0
@@ -131,7 +131,7 @@ class Transducer:
             self._press(self.load)
         if self._left == 0:
             self._rng.standard_normal(out=self._noise)
-            self._left = BLOCK
+            self._left = _BLOCK
         # dT' = (T_end - dT) / tau, from cold at time 0
         self.warming = self._warm * (1.0 - exp(-t_ns * 1e-9 / self._tau))
         elapsed = max(0.0, (t_ns - self._last_ns) * 1e-9)
@@ -145,7 +145,7 @@ class Transducer:
             self._facts,
             self.warming,
             elapsed,
-            self._noise[BLOCK - self._left],
+            self._noise[_BLOCK - self._left],
             self.words,
         )
         self._left -= 1

@@ -30,7 +30,7 @@ PRODUCTS = {
 GAIN_SPREAD, OFFSET_SPREAD = 0.004, 40.0
 #: Memory: free for the user, calibration, end; blocks and sectors of the flash; where the word that
 #: unlocks the flash is written.
-FLASH, MEMORY_END, BLOCK, SECTOR, UNLOCK, KEY = 0x100, 0x500, 32, 64, 0x500, 0xAA55
+_FLASH, _MEMORY_END, _BLOCK, _SECTOR, _UNLOCK, _KEY = 0x100, 0x500, 32, 64, 0x500, 0xAA55
 READ_MOST, WRITE_MOST = 62, 59
 
 
@@ -90,7 +90,7 @@ class Sim31xx:
         self._offset = OFFSET_SPREAD * rng.standard_normal(self.channels)
         self.volts = np.zeros(self.channels)
         self._flash = self._calibration()
-        self._eeprom = bytearray(FLASH)
+        self._eeprom = bytearray(_FLASH)
         self.outside = 0x00
         self._edge = edge
         #: Number -> length of the whole report (0: the report says it), action.
@@ -246,17 +246,17 @@ class Sim31xx:
         address, data = int.from_bytes(report[1:3], "little"), report[4:]
         if not 4 < len(report) == 4 + report[3] or len(data) > WRITE_MOST:
             return
-        if address == UNLOCK:
-            self._unlocked = self._unlocked or data == KEY.to_bytes(2, "little")
-        elif address + len(data) <= FLASH:
+        if address == _UNLOCK:
+            self._unlocked = self._unlocked or data == _KEY.to_bytes(2, "little")
+        elif address + len(data) <= _FLASH:
             self._eeprom[address : address + len(data)] = data
-        elif FLASH <= address < MEMORY_END and self._unlocked:
-            self._program((address & ~(BLOCK - 1)) - FLASH, data[:BLOCK])
+        elif _FLASH <= address < _MEMORY_END and self._unlocked:
+            self._program((address & ~(_BLOCK - 1)) - _FLASH, data[:_BLOCK])
 
     def _program(self, at: int, data: bytes) -> None:
         """A block of the flash; its sector is erased before where the block is the first of it."""
-        if not at & BLOCK:
-            self._flash[at : at + SECTOR] = b"\xff" * SECTOR
+        if not at & _BLOCK:
+            self._flash[at : at + _SECTOR] = b"\xff" * _SECTOR
         for k, byte in enumerate(data):
             self._flash[at + k] &= byte
 

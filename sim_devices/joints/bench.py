@@ -26,9 +26,9 @@ TOP_POSITION, TOP = 65535, 4095
 #: Steps of the physics a second at least, and parts of a tick in which buses and physics alternate.
 STEPS, PARTS = 8000.0, 4
 #: Ticks whose random numbers are drawn at once.
-BLOCK = 16
+_BLOCK = 16
 #: Keys of ``[simulation]``, with their defaults.
-DEFAULTS: dict[str, Any] = {
+_DEFAULTS: dict[str, Any] = {
     "bench": "ideal", "home": {}, "hidden": [], "truth_seed": 0,
     "operator": {}, "incision": {}, "tissue": {},
 }  # fmt: skip
@@ -51,7 +51,7 @@ class Kind:
 
 
 #: As they leave the works, by torque.
-KINDS = (
+_KINDS = (
     Kind("DM4310", (12.5, 30.0, 10.0)),
     Kind("DM4340", (12.5, 10.0, 28.0)),
     Kind("DM8009", (12.5, 45.0, 54.0)),
@@ -61,7 +61,7 @@ KINDS = (
 
 def kind_of(torque: float) -> Kind:
     """Smallest type that gives `torque` [N m]; the largest gives what it can."""
-    return next((k for k in KINDS if k.ranges[2] >= torque), KINDS[-1])
+    return next((k for k in _KINDS if k.ranges[2] >= torque), _KINDS[-1])
 
 
 class Described(Protocol):
@@ -262,7 +262,7 @@ class JointBench:
         period_ns: int,
         seed: int,
     ) -> None:
-        table = with_defaults("simulation", dict(section), DEFAULTS)
+        table = with_defaults("simulation", dict(section), _DEFAULTS)
         self.period_ns, self.now_ns = period_ns, 0
         self.arms: dict[str, SimArm] = {}
         for k, (name, arm) in enumerate(arms.items()):
@@ -284,7 +284,7 @@ class JointBench:
         self.after: list[Callable[[int], None]] = []
         self._rng = np.random.default_rng([seed, 0x5EED])
         most = max(len(a.joints) for a in arms.values())
-        self._noise, self._left = np.zeros((BLOCK, len(arms), most)), 0
+        self._noise, self._left = np.zeros((_BLOCK, len(arms), most)), 0
         self._time = VirtualTime()
         self._prefix = f"joints{next(self._number)}:"
         self.lines: dict[str, CanLine] = {}
@@ -357,8 +357,8 @@ class JointBench:
         while self.now_ns + self.period_ns <= t_ns:
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
-                self._left = BLOCK
-            noise = self._noise[BLOCK - self._left]
+                self._left = _BLOCK
+            noise = self._noise[_BLOCK - self._left]
             for arm in self.arms.values():
                 arm.live(self.now_ns * 1e-9, self.period_ns * 1e-9)
             for part in range(parts):

@@ -31,13 +31,13 @@ from websockets.server import ServerProtocol
 from hil.errors import ConfigError
 from hil.sim_devices.joints.bench import JointBench
 
-PORT = 10001
+_PORT = 10001
 #: Silence of the host after which there is no force [ns].
 IDLE_NS = 100_000_000
 #: What its axes move [kg], and the force that it gives at most [N].
-MASSES, MOST = (0.31, 0.27, 0.22), 9.0
+_MASSES, _MOST = (0.31, 0.27, 0.22), 9.0
 #: Steps of its words: position [m], speed [m/s], force [N].
-STEPS = (1e-6, 1e-5, 1e-4)
+_STEPS = (1e-6, 1e-5, 1e-4)
 
 
 class SimInverse:
@@ -65,15 +65,15 @@ class SimInverse:
         self.present = self.powered = True
         self.stretch = 1.0
         self._heard_ns = 0
-        arm.slide([MASSES[k % 3] for k in range(len(arm.joints))], STEPS)
-        arm.p["top"] = MOST
+        arm.slide([_MASSES[k % 3] for k in range(len(arm.joints))], _STEPS)
+        arm.p["top"] = _MOST
         arm.powered[:] = True  # it has no brakes
 
     def force(self, wanted: list[float], now_ns: int) -> None:
         """Forces of x, y, z [N] from now on."""
         self._heard_ns = now_ns
         for (joint, sign), value in zip(self._axes, wanted, strict=True):
-            whole = round(sign * value / STEPS[2]) if self.powered else 0
+            whole = round(sign * value / _STEPS[2]) if self.powered else 0
             self._arm.codes[joint] = whole
 
     def tick(self, now_ns: int) -> None:
@@ -86,7 +86,7 @@ class SimInverse:
         x = self._arm.x
         place = [sign * x["q"].item(j) for j, sign in self._axes]
         speed = [sign * x["v"].item(j) for j, sign in self._axes]
-        given = [sign * self._arm.codes.item(j) * STEPS[2] for j, sign in self._axes]
+        given = [sign * self._arm.codes.item(j) * _STEPS[2] for j, sign in self._axes]
         same = {"position": vector([0.0] * 3), "scale": vector([1.0] * 3)}
         found: dict[str, Any] = {"device_id": self.ident}
         if whole:
@@ -102,8 +102,8 @@ class SimInverse:
         found["state"] = {
             "cursor_position": vector(place),
             "cursor_velocity": vector(speed),
-            "angular_position": angles([degrees(q) for q in place]),
-            "angular_velocity": angles([degrees(q) for q in speed]),
+            "angular_position": _angles([degrees(q) for q in place]),
+            "angular_velocity": _angles([degrees(q) for q in speed]),
             "current_cursor_force": vector(given),
             "control_domain": "cartesian",
             "control_mode": "force" if any(given) else "idle",
@@ -124,7 +124,7 @@ def vector(values: list[float]) -> dict[str, float]:
     return {k: round(v, 8) for k, v in zip("xyz", values, strict=True)}
 
 
-def angles(values: list[float]) -> dict[str, float]:
+def _angles(values: list[float]) -> dict[str, float]:
     """Numbers by their joints."""
     return {f"a{k}": round(v, 6) for k, v in enumerate(values)}
 
@@ -252,7 +252,7 @@ def put(bench: JointBench, name: str, row: Mapping[str, Any]) -> None:
     if [c[0] for c in cables] != [0, 1, 2] or len(moved) != 1:
         raise ConfigError(f"box {name!r}: its channels 0, 1 and 2 are the axes of one arm.")
     axes = [(joint, sign) for _, _, _, joint, sign in cables]
-    at = f"{host or 'localhost'}:{port or PORT}"
+    at = f"{host or 'localhost'}:{port or _PORT}"
     service = bench.services.setdefault(at, SimService())
     service.devices.append(SimInverse(ident or "0A1B", bench.arms[moved.pop()], axes))
 
@@ -341,7 +341,7 @@ def alone(ident: str = "0A1B") -> tuple[SimService, Callable[[], int]]:
 def main(words: list[str] | None = None) -> int:
     """Serve one device; 3 and one sentence where the port cannot be used."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--port", type=int, default=PORT)
+    parser.add_argument("--port", type=int, default=_PORT)
     parser.add_argument("--seconds", type=float, default=np.inf, help="end after so long")
     args = parser.parse_args(words)
     done = threading.Event()

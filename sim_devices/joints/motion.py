@@ -27,7 +27,7 @@ from hil.sim_devices.plants.world import slip
 
 Array = NDArray[np.float64]
 #: How far a mass, a first moment or an inertia is off the file, either way.
-OFF = (0.05, 0.15)
+_OFF = (0.05, 0.15)
 #: Weight of a mass where the URDF says nothing [m/s^2], in axes of the base.
 WEIGHT = (0.0, 0.0, -9.80665)
 
@@ -87,7 +87,7 @@ def solid(mass: float, center: Array, about_center: Array) -> Array:
 
 def _off(rng: np.random.Generator, size: int) -> Array:
     """Factors that are 5 to 15 % away from 1."""
-    return 1.0 + rng.choice([-1.0, 1.0], size) * rng.uniform(*OFF, size)
+    return 1.0 + rng.choice([-1.0, 1.0], size) * rng.uniform(*_OFF, size)
 
 
 def _own(link: ET.Element, rng: np.random.Generator) -> Array:

@@ -297,7 +297,7 @@ def scratch() -> Array:
     return np.zeros((7, 3, 3))
 
 
-OPERATOR_KEYS: dict[str, Any] = {
+_OPERATOR_KEYS: dict[str, Any] = {
     "arm": "", "size": [0.0] * 3, "frequency": [0.2] * 3, "phase": [0.0] * 3, "roll": 0.0,
     "roll_frequency": 0.2, "pivot": 0.0, "skill": 1.0, "onset": 1.5, "stiffness": 320.0,
     "damping": 7.0, "turn_stiffness": 3.5, "turn_damping": 0.06, "tremor": 2e-4, "spread": 0.15,
@@ -323,7 +323,7 @@ def put(t: Any, table: str, given: Mapping[str, Any], tip: Array, axes: Array, r
         For a key that is not known or a value out of range.
     """
     where = f"simulation.{table}"
-    keys = {"operator": OPERATOR_KEYS, "incision": WALL_KEYS, "tissue": TISSUE_KEYS}[table]
+    keys = {"operator": _OPERATOR_KEYS, "incision": WALL_KEYS, "tissue": TISSUE_KEYS}[table]
     row = with_defaults(where, dict(given), keys)
     least = dict.fromkeys(("onset", "relaxation"), 0.01)
     for key in row.keys() - {"arm", "size", "phase", "off", "ahead", "roll"}:

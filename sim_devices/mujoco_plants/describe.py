@@ -81,7 +81,7 @@ def _body(robot: Robot, k: int, added: Additions, inner: str) -> str:
     motor = "" if geared else _motor(robot, k)
     site = f'<site name="tip" pos="{_text(link.along)}"/>' if link is robot.links[-1] else ""
     return (
-        f'<body name="link{k + 1}" pos="{_text(link.at)}" quat="{_text(quaternion(link.turn))}">'
+        f'<body name="link{k + 1}" pos="{_text(link.at)}" quat="{_text(_quaternion(link.turn))}">'
         f'<inertial pos="{_text(com)}" mass="{link.mass!r}" fullinertia="{_text(full)}"/>'
         f'<joint name="joint{k + 1}" type="{"slide" if link.slides else "hinge"}" '
         f'axis="{_text(link.axis)}" {motor} {added.joint.get(k, "")}/>'
@@ -106,7 +106,7 @@ def _rotor(robot: Robot, k: int) -> str:
     )
 
 
-def quaternion(turn: Sequence[float]) -> tuple[float, float, float, float]:
+def _quaternion(turn: Sequence[float]) -> tuple[float, float, float, float]:
     """Quaternion (w, x, y, z) of URDF's roll, pitch, yaw [rad]."""
     (cr, cp, cy), (sr, sp, sy) = ([f(x / 2) for x in turn] for f in (cos, sin))
     return (
@@ -170,26 +170,26 @@ def _text(values: Sequence[float] | FloatArray) -> str:
 #: Effort that motor and link exchange, from twist and its rate.
 Shaft = Callable[[State], float]
 #: Frequency of the link on a shaft that is soft, and on one that is not the effect [Hz]; damping.
-SOFT, STIFF, DAMPED = 24.0, 45.0, 0.12
+_SOFT, _STIFF, _DAMPED = 24.0, 45.0, 0.12
 
 
-def shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
+def _shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
     """Stiffness and damping of a shaft on which the link swings at `hertz`."""
     w = 2 * pi * hertz
-    return inertia * w * w, 2 * DAMPED * inertia * w
+    return inertia * w * w, 2 * _DAMPED * inertia * w
 
 
 def elastic(p: Place, inertia: float) -> Shaft:
     """A linear shaft: the softer, the larger the amplitude."""
     j = p.j
-    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5)
+    k, c = _shaft(p, inertia, _SOFT / p.amplitude**0.5)
     return lambda x: k * (x.m[j] - x.q[j]) + c * (x.w[j] - x.v[j])
 
 
 def hardening(p: Place, inertia: float) -> Shaft:
     """A cable that stiffens exponentially: A (exp(|d| / d0) - 1)."""
     j = p.j
-    k, c = shaft(p, inertia, SOFT / p.amplitude**0.5 * 0.6)
+    k, c = _shaft(p, inertia, _SOFT / p.amplitude**0.5 * 0.6)
     d0 = 8.0 * UNIT * p.link.effort / k
 
     def pull(x: State) -> float:
@@ -203,7 +203,7 @@ def hardening(p: Place, inertia: float) -> Shaft:
 def backlash(p: Place, inertia: float) -> Shaft:
     """A play, and flanks of the usual stiffness that damp only while they touch."""
     j, half = p.j, 1.5e-3 * p.amplitude * p.link.reach
-    k, c = shaft(p, inertia, STIFF)
+    k, c = _shaft(p, inertia, _STIFF)
     c *= 2.0
 
     def pull(x: State) -> float:
@@ -220,7 +220,7 @@ def backlash(p: Place, inertia: float) -> Shaft:
 def harmonic_drive(p: Place, inertia: float) -> Shaft:
     """A flexible spline: error twice a turn of the motor, and stiffness that grows."""
     j, e, a = p.j, 1.2e-3 * p.amplitude * p.link.reach, p.phase(11.0, 0.5)
-    k, c = shaft(p, inertia, SOFT)
+    k, c = _shaft(p, inertia, _SOFT)
 
     def pull(x: State) -> float:
         d = x.m[j] + e * sin(a(x.m[j])) - x.q[j]
@@ -234,7 +234,7 @@ def harmonic_drive(p: Place, inertia: float) -> Shaft:
 def belt(p: Place, inertia: float) -> Shaft:
     """A belt that jumps teeth once or twice in a recording."""
     j, tooth, rng = p.j, 6e-3 * p.amplitude * p.link.reach, p.rng
-    k, c = shaft(p, inertia, STIFF)
+    k, c = _shaft(p, inertia, _STIFF)
     start, gone = rng.uniform(0.25, 0.5) * p.robot.seconds, 0.0
 
     def pull(x: State) -> float:
@@ -314,7 +314,7 @@ def idler(p: Place, added: Additions) -> None:
     )
 
 
-def hose(p: Place, added: Additions) -> None:
+def _hose(p: Place, added: Additions) -> None:
     """A hose along two joints: a fixed tendon that is slack about its rest, and damped a little."""
     r, slack = 0.8 if p.odd else -1.0, 0.05 * p.link.reach
     k, c = 2.0 * p.size / p.link.reach, 0.05 * p.size / p.link.speed
@@ -348,7 +348,7 @@ STRUCTURES: dict[str, Callable[[Place, Additions], None]] = {
     "end-stop": end_stop,
     "vibration-mode": vibration,
     "coupled-transmission": idler,
-    "coupled-spring": hose,
+    "coupled-spring": _hose,
     "payload": payload,
     "outside-slosh": slosh,
 }

@@ -321,7 +321,7 @@ def hum(p: Place) -> Law:
 # kinds without a name -----------------------------------------------------------------------------
 
 
-def hose(p: Place) -> Law:
+def _hose(p: Place) -> Law:
     """A hose that creeps: three Maxwell arms of 1.3, 6 and 28 s beside a weak spring."""
     j, f, r, mid = p.j, 1.5 * p.size, p.link.reach, p.link.middle
     slow, s = (1.3, 6.0, 28.0), [0.0, 0.0, 0.0]
@@ -398,7 +398,7 @@ LINK: dict[str, Callable[[Place], Law]] = {
     "position-torque": umbilical,
     "two-stops": cushions,
     "periodic-disturbance": hum,
-    "relaxation": hose,
+    "relaxation": _hose,
     "outside-magnetic-latch": latch,
     "outside-wind": gusts,
 }

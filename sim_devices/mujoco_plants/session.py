@@ -20,12 +20,12 @@ from hil.sim_devices.mujoco_plants.robots import ROBOTS, Robot
 # Names of all hidden effects: what each needs, and between which amplitudes it is itself.
 
 #: Smallest and largest amplitude where nothing else is said.
-USUAL = (0.0, 60.0)
+_USUAL = (0.0, 60.0)
 
 #: ``"force"``: a measured force; ``"arm"``: more than one joint; ``"runs"``: a run with and one
 #: without; ``"urdf"``: a described robot with its weight on some joint; ``"chain"``: one of three
 #: joints or more.
-NEEDS = {
+_NEEDS = {
     "coupled-friction": "arm",
     "posture-friction": "arm",
     "capstan-friction": "arm",
@@ -47,7 +47,7 @@ NEEDS = {
     "force-crosstalk": "force",
 }
 
-RANGES = {
+_RANGES = {
     "friction-drift": (0.0, 40.0),
     "torque-saturation": (0.05, 8.0),
     "torque-gain": (0.0, 8.0),
@@ -110,7 +110,7 @@ NAMES = sorted(
 
 def kinds() -> dict[str, tuple[str, float, float]]:
     """Name -> what it needs, smallest and largest amplitude."""
-    return {name: (NEEDS.get(name, ""), *RANGES.get(name, USUAL)) for name in NAMES}
+    return {name: (_NEEDS.get(name, ""), *_RANGES.get(name, _USUAL)) for name in NAMES}
 
 
 # Reference motions of the test plants: wandering sines, shuttles, way points.
@@ -218,9 +218,9 @@ def push(robot: Robot, seed: int, step: float) -> FloatArray:
 # The mechanism in MuJoCo with its controller, stepped from reference to recording.
 
 #: Steps of the physics in one of the controller, where a shaft lies between motor and link.
-FINE = 2
+_FINE = 2
 #: Time constant of the controller's speed filter, in its periods.
-SMOOTH = 3.0
+_SMOOTH = 3.0
 #: Relative errors of the controller's own model, and share of the friction it feeds forward.
 NOMINAL, FED = 0.93, 0.85
 
@@ -261,7 +261,7 @@ class Plant:
                 added.geared.add(p.j)
             if name in describe.STRUCTURES:
                 describe.STRUCTURES[name](p, added)
-        self.substeps = FINE if added.geared else 1
+        self.substeps = _FINE if added.geared else 1
         self._geared = sorted(added.geared)
         text = describe.mjcf(robot, added, robot.step / self.substeps)
         self.model = self._mj.MjModel.from_xml_string(text)
@@ -452,7 +452,7 @@ class Controller:
         self._fed = forward(robot, reference).tolist()
         self._goal = reference[:, :, 0].tolist()
         self._pace = reference[:, :, 1].tolist()
-        self._share, self._tick = 1.0 - exp(-1.0 / SMOOTH), robot.step
+        self._share, self._tick = 1.0 - exp(-1.0 / _SMOOTH), robot.step
         self._most = [link.effort for link in robot.links]
         self._dac, self._counts = dac.tolist(), robot.counts
         self._q: list[float] = []
@@ -533,9 +533,9 @@ NOISES = ("coloured", "dac", "white")
 #: Largest relative error of the inertias in a URDF.
 WRONG = 0.2
 #: A motion further than this from its reference, in reaches, is lost.
-LOST = 1.5
+_LOST = 1.5
 #: Steps of a coarse DAC in standard deviations of the other noises.
-COARSE = 1.8
+_COARSE = 1.8
 
 
 def robots() -> dict[str, dict[str, Any]]:
@@ -604,9 +604,9 @@ def simulate(
     std = table.noise * np.array([link.effort for link in table.links])
     plant = Plant(table, hidden, seed)
     acting = laws.disturbance(noise, len(path), std, tick, seed)
-    dac = COARSE * std if noise == "dac" else 0.02 * std
+    dac = _COARSE * std if noise == "dac" else 0.02 * std
     every = round(1.0 / (tick * table.rate))
-    rows = plant.run(path, pushed, acting, dac, noise == "dac", every, LOST)
+    rows = plant.run(path, pushed, acting, dac, noise == "dac", every, _LOST)
     found = _recorded(table, rows, hidden, noise, std, seed, plant)
     return _lose(found, lost, seed)
 

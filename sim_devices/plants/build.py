@@ -19,7 +19,7 @@ from hil.sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
 # whether the amplitude scales it.  The laws are in `friction`, `drive` and `passive`; they are
 # not those of the library.
 
-JOINTS = ("joint1", "joint2", "joint3")
+_JOINTS = ("joint1", "joint2", "joint3")
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def choose(rows: list[dict[str, Any]], arms: list[str], seed: int) -> list[dict[
         full = dict(row)
         if full["effect"] == "random":
             full["effect"] = RANDOM[int(rng.integers(len(RANDOM)))]
-            joint = JOINTS[int(rng.integers(3))]
+            joint = _JOINTS[int(rng.integers(3))]
             full.setdefault("joint", joint)
         full.setdefault("arm", "follower" if "follower" in arms else arms[0])
         chosen.append(full)
@@ -139,11 +139,11 @@ def apply(p: NDArray[np.void], row: dict[str, Any]) -> None:
         truth.add_tip_mass(p, amplitude * HIDDEN[name].size["payload"])
         return
     kind, joint = HIDDEN[name], row.get("joint", "joint2")
-    joints = JOINTS if joint == "all" else (joint,)
+    joints = _JOINTS if joint == "all" else (joint,)
     for label in joints:
-        if label not in JOINTS:
-            raise ConfigError(f"[[simulation.hidden]] {name}: {unknown('joint', label, JOINTS)}")
-        i = JOINTS.index(label)
+        if label not in _JOINTS:
+            raise ConfigError(f"[[simulation.hidden]] {name}: {unknown('joint', label, _JOINTS)}")
+        i = _JOINTS.index(label)
         values = {k: v * amplitude for k, v in kind.size.items()}
         values |= {k: v[i] if isinstance(v, tuple) else v for k, v in kind.shape.items()}
         _set(p, name, i, values | _own(row), row)
@@ -159,10 +159,10 @@ def _set(
     p: NDArray[np.void], name: str, i: int, values: dict[str, float], row: dict[str, Any]
 ) -> None:
     if name == "coupled-friction":
-        by = row.get("by", JOINTS[(i + 1) % 3])
-        if by not in JOINTS or by == JOINTS[i]:
+        by = row.get("by", _JOINTS[(i + 1) % 3])
+        if by not in _JOINTS or by == _JOINTS[i]:
             raise ConfigError(f"[[simulation.hidden]] {name}: by = {by!r} must be another joint.")
-        p["couple"][0, i, JOINTS.index(by)] += values["couple"]
+        p["couple"][0, i, _JOINTS.index(by)] += values["couple"]
         return
     for key, value in values.items():
         # what is scaled adds up; a shape is set
@@ -172,7 +172,7 @@ def _set(
 
 
 #: Keys of ``[simulation]`` and of its tables, with their defaults.
-DEFAULTS: dict[str, Any] = {
+_DEFAULTS: dict[str, Any] = {
     "bench": "ideal",
     "truth": "nominal",
     "home": [0.0, 0.4, 0.3],
@@ -182,7 +182,7 @@ DEFAULTS: dict[str, Any] = {
     "gel": {},
     "quadrature": {},
 }
-OPERATOR_KEYS: dict[str, Any] = {
+_OPERATOR_KEYS: dict[str, Any] = {
     "kind": "none",
     "arm": "leader",
     "size": [0.03, 0.05, 0.03],
@@ -196,11 +196,11 @@ GEL_KEYS: dict[str, Any] = {"arm": "", "below_home": 0.02, "stiffness": None, "b
 #: the gel is thick without it [m].
 BOLT_KEYS: dict[str, Any] = {"place": 0.01, "depth": 0.008, "radius": 0.003, "thickness": 0.02}
 #: Of a number, in SI units.
-LARGEST = 1e12
+_LARGEST = 1e12
 #: Table -> key -> least and largest value, and its unit: what a hand does, what the steps of the
 #: physics bear, and a tip at the end of an arm of 0.4 m.
-RANGES: dict[str, dict[str, tuple[float, float, str]]] = {
-    "simulation": {"hidden_seed": (0, LARGEST, ""), "truth_seed": (0, LARGEST, "")},
+_RANGES: dict[str, dict[str, tuple[float, float, str]]] = {
+    "simulation": {"hidden_seed": (0, _LARGEST, ""), "truth_seed": (0, _LARGEST, "")},
     "simulation.operator": {
         "size": (-0.5, 0.5, "m"),
         "frequency": (0.01, 20.0, "Hz"),
@@ -214,7 +214,7 @@ RANGES: dict[str, dict[str, tuple[float, float, str]]] = {
     "simulation.gel": {"below_home": (-1.0, 1.0, "m"), "stiffness": (0.0, 1e5, "N/m^1.3")},
     "simulation.gel.bolt": dict.fromkeys(BOLT_KEYS, (-1.0, 1.0, "m")),
 }
-KINDS = {"none": 0, "hand": 1, "mechanical": 2, "stroking": 3}
+_KINDS = {"none": 0, "hand": 1, "mechanical": 2, "stroking": 3}
 
 
 @dataclass
@@ -230,9 +230,9 @@ class Plan:
 def with_defaults(where: str, given: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
     """Table with its defaults; an unknown key is an error that names the nearest.
 
-    A value is of the type of its default; numbers are finite, and within `RANGES`.
+    A value is of the type of its default; numbers are finite, and within `_RANGES`.
     """
-    head, ranges = where if where.startswith("[") else f"[{where}]", RANGES.get(where, {})
+    head, ranges = where if where.startswith("[") else f"[{where}]", _RANGES.get(where, {})
     for key, value in given.items():
         if key not in known:
             raise ConfigError(f"{head}: {unknown('key', key, known)}")
@@ -248,10 +248,10 @@ def with_defaults(where: str, given: dict[str, Any], known: dict[str, Any]) -> d
 def same_type(value: Any, default: Any) -> bool:
     """Whether a value of a rig file is of the type of another one, and finite."""
     if isinstance(default, int):
-        return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _LARGEST
     if default is None or isinstance(default, float):
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        return (number and abs(value) <= LARGEST) or (default is None and value is None)
+        return (number and abs(value) <= _LARGEST) or (default is None and value is None)
     if isinstance(default, list) and default:
         alike = isinstance(value, list) and len(value) == len(default)
         return alike and all(same_type(x, default[0]) for x in value)
@@ -260,7 +260,7 @@ def same_type(value: Any, default: Any) -> bool:
 
 def plan(arms: dict[str, str], section: dict[str, Any], seed: int) -> Plan:
     """Build all records; `arms` maps the name of an arm to its force sensor."""
-    table = with_defaults("simulation", section, DEFAULTS)
+    table = with_defaults("simulation", section, _DEFAULTS)
     facts = truth.load(table["truth"])
     rng = np.random.default_rng([seed, 0xB0D])
     names, n = list(arms), len(arms)
@@ -299,18 +299,18 @@ def _operators(
     state: NDArray[np.void],
     rng: np.random.Generator,
 ) -> NDArray[np.void]:
-    table = with_defaults("simulation.operator", section, OPERATOR_KEYS)
+    table = with_defaults("simulation.operator", section, _OPERATOR_KEYS)
     records = np.zeros(len(names), OPERATOR)
     records["onset"] = table["onset"]
-    if table["kind"] not in KINDS:
-        raise ConfigError(f"[simulation.operator]: {unknown('kind', table['kind'], KINDS)}")
+    if table["kind"] not in _KINDS:
+        raise ConfigError(f"[simulation.operator]: {unknown('kind', table['kind'], _KINDS)}")
     if table["kind"] == "none":
         return records
     if table["arm"] not in names:
         raise ConfigError(f"[simulation.operator]: {unknown('arm', table['arm'], names)}")
     k = names.index(table["arm"])
     h, hand = records[k], table["kind"] == "hand"
-    h["kind"], h["home"], h["x"] = KINDS[table["kind"]], state[k]["tip"], 0.0
+    h["kind"], h["home"], h["x"] = _KINDS[table["kind"]], state[k]["tip"], 0.0
     for key, value in facts["hand" if hand else "machine"].items():
         h[key] = value
     if hand:

@@ -162,7 +162,7 @@ def outside(p: Any, x: Any, i: int, dt: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def angles(x: Any) -> Any:
+def _angles(x: Any) -> Any:
     """Sines and cosines of the joints: s1, c1, s2, c2, s3, c3."""
     return sin(x.q[0]), cos(x.q[0]), sin(x.q[1]), cos(x.q[1]), sin(x.q[2]), cos(x.q[2])
 
@@ -170,12 +170,12 @@ def angles(x: Any) -> Any:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def tip(p: Any, x: Any) -> None:
     """Tip position and velocity of the link side into `x.tip`, `x.tip_v`."""
-    tip_at(p, x, angles(x))
+    tip_at(p, x, _angles(x))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def tip_at(p: Any, x: Any, trig: Any) -> None:
-    """`tip` with the `angles` of now."""
+    """`tip` with the `_angles` of now."""
     s1, c1, s2, c2, s3, c3 = trig
     # r = l1 cos th2 + l2 sin th3;  z = l1 sin th2 - l2 cos th3
     r = p.l1 * c2 + p.l2 * s3
@@ -191,12 +191,12 @@ def tip_at(p: Any, x: Any, trig: Any) -> None:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def push_links(p: Any, x: Any, torque: Any, dt: float) -> None:
     """Advance the link velocities by `dt` under joint `torque` (3,) and `x.force` at the tip."""
-    push_at(p, x, torque, dt, angles(x))
+    push_at(p, x, torque, dt, _angles(x))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def push_at(p: Any, x: Any, torque: Any, dt: float, trig: Any) -> None:
-    """`push_links` with the `angles` of now."""
+    """`push_links` with the `_angles` of now."""
     s1, c1, s2, c2, s3, c3 = trig
     s23, c23 = sin(x.q[1] - x.q[2]), cos(x.q[1] - x.q[2])
     v1, v2, v3 = x.v[0], x.v[1], x.v[2]
@@ -311,7 +311,7 @@ def hold(h: Any, x: Any, dt: float) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def substep(
+def _substep(
     p: Any, x: Any, elapsed: float, tick: float, dt: float, link: Any, risen: float, trig: Any
 ) -> None:
     """Semi-implicit Euler step of motors, cables and links.
@@ -325,7 +325,7 @@ def substep(
     risen : float
         `motor_share` of the step.
     trig : tuple
-        `angles` of now.
+        `_angles` of now.
     """
     for i in range(3):
         stretch = x.qm[i] - x.q[i]
@@ -398,7 +398,7 @@ def run(
         aim(ha, t)
         risen = motor_share(pa, dt)
         for k in range(n):
-            trig = angles(xa)
+            trig = _angles(xa)
             if k == 0 or ha.kind > 0 or ga.on > 0:
                 tip_at(pa, xa, trig)
                 xa.force[:] = 0.0
@@ -407,5 +407,5 @@ def run(
                     if ga.on > 0:
                         press(ga, xa, dt)
             if xa.parked == 0:
-                substep(pa, xa, k * dt, tick, dt, link, risen, trig)
+                _substep(pa, xa, k * dt, tick, dt, link, risen, trig)
         sense(pa, xa, t + tick, random[a], counts[a], gauges[a])

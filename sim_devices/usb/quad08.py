@@ -20,7 +20,7 @@ from hil.sim_devices.usb.backend import failure
 
 # Eight quadrature counters of 48 bits, fed by edges; compiled.
 
-SPAN = 1 << 48
+_SPAN = 1 << 48
 
 
 @nb.njit(cache=True, nogil=True)
@@ -44,7 +44,7 @@ def step(total: Any, edge: int, mode: int, per_turn: int) -> int:
         index = max(edge // per_turn, before // per_turn) * per_turn
         total[1] = (edge >> shift) - (index >> shift)
     total[0] = edge
-    return int(total[1] % SPAN)
+    return int(total[1] % _SPAN)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -126,7 +126,7 @@ OVERRUN, SCANNING, PIPE_FULL = 0x0004, 0x0008, 0x0010
 #: Words of the mark register that prove the bit-stream; all must be written and read.
 MARKS = frozenset({0xFE, 0x02, 0xFB, 0x08, 0xEF, 0x20, 0xBF, 0x80})
 #: Port control word that makes the digital lines a port.
-PORT = 0x30
+_PORT = 0x30
 
 
 class Fpga:
@@ -232,7 +232,7 @@ class Fpga:
             return self._status | data | (SCANNING if self.running else 0)
         if 0x30 <= register <= 0x32:
             if register == 0x30:  # the low word latches the whole count
-                self._latched = int(self.totals[self._bank & 7, 1]) % SPAN
+                self._latched = int(self.totals[self._bank & 7, 1]) % _SPAN
             return self._latched >> 16 * (register - 0x30) & 0xFFFF
         if register == 0x22:
             # pull-ups; outputs are open collectors
@@ -254,7 +254,7 @@ class Fpga:
             self._mode(value)
         elif register == 0x22:
             self._driven = value & 0xFF
-        elif register == 0x23 and self.registers[0x18] == PORT:
+        elif register == 0x23 and self.registers[0x18] == _PORT:
             self._outputs = value & 0xFF
         elif register == 0x10 and value == 0x0004:
             self._quiet = self._proven >= MARKS
@@ -319,7 +319,7 @@ class Fpga:
 
 #: Bytes of the real bit-stream without its header.
 FPGA_BYTES = 212_410
-PACKET = 512
+_PACKET = 512
 #: The firmware takes this long to come up [ns].
 BOOT_NS = 1_500_000_000
 
@@ -349,7 +349,7 @@ class SimQuad08:
     """
 
     vendor = 0x09DB
-    endpoints: tuple[tuple[int, int, int], ...] = ((0x82, 2, PACKET),)
+    endpoints: tuple[tuple[int, int, int], ...] = ((0x82, 2, _PACKET),)
 
     def __init__(
         self,
@@ -440,14 +440,14 @@ class SimQuad08:
     def read(self, endpoint: int, buffer: array[int] | memoryview) -> int:
         """Whole packets of the FIFO."""
         fifo = self.fpga.fifo
-        if len(buffer) % PACKET:
+        if len(buffer) % _PACKET:
             raise failure(errno.EOVERFLOW)
         if self.muted:
             return 0
         if self.garbled and fifo:
             self.garbled -= 1
             del fifo[:2]
-        n = min(len(fifo), len(buffer)) // PACKET * PACKET
+        n = min(len(fifo), len(buffer)) // _PACKET * _PACKET
         if n:
             memoryview(buffer)[:n] = fifo[:n]
             del fifo[:n]

@@ -32,7 +32,7 @@ _STEPS, _NEAR = {"tuning": 7, "test": 4}, {"tuning": 1.18, "test": 1.4}
 #: First amplitude that is tried where an effect has no smallest one.
 _START = {"tuning": 0.2, "test": 0.5}
 #: Motion on which amplitudes are calibrated.
-MOTION = 901
+_MOTION = 901
 
 
 def base_rms(recordings: list[Recording], offset: bool = False) -> FloatArray:
@@ -148,7 +148,7 @@ def _reach(
 
 def _excess_at(effect: str, joint: int, robot: str, excitation: str, a: float) -> float:
     """Excess that amplitude `a` leaves; infinite where the loop does not stand it."""
-    plant, motion, seed = session.plant(robot), (excitation, MOTION), MOTION
+    plant, motion, seed = session.plant(robot), (excitation, _MOTION), _MOTION
     need, noise = session.kinds(plant)[effect][0], _NOISE[plant]
     force = need == "force"
     run = session.record(robot, [(effect, joint, a)], noise, motion, seed, force)

@@ -49,7 +49,7 @@ SMALL = (
     "outside-brake@1x1.5/pendulum/coloured/points/1",
     "belt-skip@1x1.5/gantry2/coloured/points/4",
 )
-FACTORS = (0.5, 2.0)
+_FACTORS = (0.5, 2.0)
 _SOURCE = Path(constants.__file__)
 Row = dict[str, Any]
 #: The sessions of a case serve all its rules.
@@ -116,11 +116,11 @@ def together(todo: list[SessionCase], rows: list[Row], found: list[Row]) -> list
 def without_rule(task: Again) -> Row:
     """Row of the results: what is said of a case without a rule."""
     with rules.without(*task.code.split("+")):
-        row = anew(task.case)
+        row = _anew(task.case)
     return {"again": task.name, "without": task.code} | row
 
 
-def anew(case: SessionCase) -> Row:
+def _anew(case: SessionCase) -> Row:
     """What is said of a case now, with the CPU time that it took."""
     train, other = _sessions(case)
     started = time.process_time()
@@ -408,7 +408,7 @@ def halve(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | N
     """
     kept = path.with_suffix(".halve.jsonl") if path else None
     same(rows, path)
-    tasks = [Changed(c, n, x) for c in todo for n in numbers() for x in FACTORS]
+    tasks = [Changed(c, n, x) for c in todo for n in numbers() for x in _FACTORS]
     found = runner.run(tasks, where, kept, with_number, "again")
     same(found, kept)
     return found
@@ -417,7 +417,7 @@ def halve(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | N
 def with_number(task: Changed) -> Row:
     """Row of the results: what is said of a case with a number changed."""
     with changed(task.number, task.factor):
-        row = anew(task.case)
+        row = _anew(task.case)
     return {"again": task.name, "number": task.number, "factor": task.factor} | row
 
 
@@ -450,7 +450,7 @@ def halve_page(rows: list[Row], again: list[Row], command: str) -> str:
 
 def _line(number: str, value: float, before: dict[str, Row], again: list[Row]) -> list[Any]:
     out: list[Any] = [number, f"{value:g}"]
-    for factor in FACTORS:
+    for factor in _FACTORS:
         mine = [r for r in again if (r["number"], r["factor"]) == (number, factor)]
         pairs = [(before[r["case"]], r) for r in mine]
         out.append(sum(differ(a, b) for a, b in pairs))

@@ -282,7 +282,7 @@ def _keys(plant: str) -> list[tuple[str, int, str, str]]:
     ]
 
 
-def calibrate(
+def _calibrate(
     plant: str, workers: int, todo: list[tuple[str, int, str, str]] | None = None
 ) -> None:
     """Find the amplitudes of `todo` (all of a plant's) and write them to its file."""
@@ -298,4 +298,4 @@ def calibrate(
 
 if __name__ == "__main__":
     for plant in sys.argv[1:] or amplitudes.FILES:
-        calibrate(plant, 2)
+        _calibrate(plant, 2)

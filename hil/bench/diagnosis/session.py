@@ -20,10 +20,10 @@ from hil.record.recording import Recording, RobotSource
 
 FloatArray = NDArray[np.float64]
 MOTION_KINDS = ("repeated", "strokes")
-SECONDS, _TICK = 25.0, 1e-3
+_SECONDS, _TICK = 25.0, 1e-3
 #: Middle and largest excursion [rad], largest speed [rad/s].
-_CENTER, _REACH, SPEED = np.array([0.0, 0.4, 0.3]), np.array([0.6, 0.45, 0.45]), 2.2
-PERIOD, _HARMONICS = 10.0, 25
+_CENTER, _REACH, _SPEED = np.array([0.0, 0.4, 0.3]), np.array([0.6, 0.45, 0.45]), 2.2
+_PERIOD, _HARMONICS = 10.0, 25
 
 
 def reference(kind: str, seed: int) -> FloatArray:
@@ -38,11 +38,11 @@ def reference(kind: str, seed: int) -> FloatArray:
         Chooses the motion.
     """
     rng = np.random.default_rng([seed, MOTION_KINDS.index(kind), 0xE8C])
-    n = round(SECONDS / _TICK)
+    n = round(_SECONDS / _TICK)
     t: FloatArray = _TICK * np.arange(n, dtype=np.float64)
     make = _fourier if kind == "repeated" else _strokes
     parts = np.stack([make(rng, t) for _ in range(3)], 1)
-    scale = np.minimum(_REACH / np.abs(parts[0]).max(1), SPEED / np.abs(parts[1]).max(1))
+    scale = np.minimum(_REACH / np.abs(parts[0]).max(1), _SPEED / np.abs(parts[1]).max(1))
     place, speed, push = parts * scale[None, :, None]
     # r = center + ramp * motion
     ramp = np.clip(t, 0.0, 1.0)
@@ -56,12 +56,12 @@ def reference(kind: str, seed: int) -> FloatArray:
 
 def _fourier(rng: np.random.Generator, t: FloatArray) -> FloatArray:
     """Slow harmonics, and fast ones that swell and fade within one period, (3, n)."""
-    w: FloatArray = 2 * np.pi / PERIOD * np.arange(1.0, _HARMONICS + 1)[:, None]
+    w: FloatArray = 2 * np.pi / _PERIOD * np.arange(1.0, _HARMONICS + 1)[:, None]
     phase = rng.uniform(0.0, 2 * np.pi, (_HARMONICS, 1))
     slow = _sines(t, w[:3], phase[:3], 1.0 / w[:3])
     fast = _sines(t, w[3:], phase[3:], 1.6 / w[3:])
     first = float(rng.uniform(0.0, 2 * np.pi))
-    return slow + _swell(t, fast, 2 * np.pi / PERIOD, first)
+    return slow + _swell(t, fast, 2 * np.pi / _PERIOD, first)
 
 
 def _sines(t: FloatArray, w: FloatArray, phase: FloatArray, size: FloatArray) -> FloatArray:
@@ -101,7 +101,7 @@ def _strokes(rng: np.random.Generator, t: FloatArray) -> FloatArray:
 def push(seed: int) -> FloatArray:
     """Force ON the tip in the base frame (n, 3) [N]: eight sines of 0.1 to 2.5 Hz, 0.3 N rms."""
     rng = np.random.default_rng([seed, 0xF0])
-    t: FloatArray = _TICK * np.arange(round(SECONDS / _TICK), dtype=np.float64)
+    t: FloatArray = _TICK * np.arange(round(_SECONDS / _TICK), dtype=np.float64)
     out = np.zeros((t.size, 3))
     for k in range(3):
         w = 2 * np.pi * 0.1 * 25.0 ** rng.uniform(0.0, 1.0, (8, 1))
@@ -196,7 +196,7 @@ def joint_count(robot: str) -> int:
     return int(np.size(mujoco_robots()[robot]["joints"]))
 
 
-JOINTS = ("joint1", "joint2", "joint3")
+_JOINTS = ("joint1", "joint2", "joint3")
 #: An effect with its joint and its amplitude (in the simulator's units).
 Row = tuple[str, int, float]
 #: Robots of the tuning plants, and the largest excursion of a session there [rad].
@@ -271,7 +271,7 @@ def record(
     return Recording(
         f"run{seed}",
         "arm",
-        JOINTS[:d],
+        _JOINTS[:d],
         s["t"],
         s["q"][:, :d],
         s["tau"][:, :d],

@@ -406,7 +406,7 @@ def _rows(box: Container) -> tuple[NDArray[np.int64], bool]:
 
 # ------------------------------------------------------------ the campaign
 
-HEAD = ("fault", "must lead to", "led to", "after", "record says", "motors", "rows lost", "")
+_HEAD = ("fault", "must lead to", "led to", "after", "record says", "motors", "rows lost", "")
 
 
 def row(o: Outcome) -> list[str]:
@@ -457,8 +457,8 @@ def report(outcomes: Sequence[Outcome], command: str) -> str:
         "The faults of encoders, law and clock strike ideal wires, those of boxes and boards",
         "simulated USB, HID and CAN, through the drivers.",
         "",
-        "| " + " | ".join(HEAD) + " |",
-        "|" + "---|" * len(HEAD),
+        "| " + " | ".join(_HEAD) + " |",
+        "|" + "---|" * len(_HEAD),
         *("| " + " | ".join(row(o)) + " |" for o in outcomes),
         "",
         verdict(outcomes),
@@ -484,7 +484,7 @@ def command(args: argparse.Namespace) -> Found:
         args.report,
         report(found, f"hil bench faults{' --quick' if args.quick else ''}"),
     )
-    text = terminal.table(list(HEAD), [row(o) for o in found])
+    text = terminal.table(list(_HEAD), [row(o) for o in found])
     return f"{text}\n\n{verdict(found)}", {"faults": [asdict(o) for o in found]}
 
 
