@@ -36,7 +36,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from hil.controllers.joint_space import EDGE, Chain, Law, each
+from hil.controllers.joint_space import EDGE, Chain, JointSpaceLaw, per_joint
 from hil.errors import ConfigError
 from hil.models.bodies import inverse_dynamics
 from hil.models.robots import bare_robot
@@ -645,11 +645,13 @@ class CartesianCoupling:
         if len(arms) != 2:
             raise ConfigError(f"cartesian-coupling ties two arms to each other, not {len(arms)}.")
         self.config, d = config, robots[0].d
-        rotors = [each(getattr(config, name), d, name) for name in _JOINTS[:2]]
+        rotors = [per_joint(getattr(config, name), d, name) for name in _JOINTS[:2]]
         tips = [_Tip(robot, own) for robot, own in zip(robots, rotors, strict=True)]
         _bear(config, arms, tips, config.velocity_filter + 1.5 * period)
         if judged:
-            gate.refuse_coupled(margin(config, arms, period, robots, gate.LATE), period)
+            gate.refuse_coupled(
+                margin(config, arms, period, robots, gate.USUAL_DELAY_TICKS), period
+            )
         self._arms = (tips[0].known, tips[1].known)
         known, room = np.zeros(1, _P), np.zeros(1, _room(d))
         for name in _NAMES:
@@ -657,7 +659,7 @@ class CartesianCoupling:
         known["filter"] = 1.0 - math.exp(-period / config.velocity_filter)
         room["reach"] = [tip.reach for tip in tips]
         room["rotors"] = rotors[1]
-        room["rub"] = [each(getattr(config, name), d, name) for name in _JOINTS[2:]]
+        room["rub"] = [per_joint(getattr(config, name), d, name) for name in _JOINTS[2:]]
         self._known, self._room = known, room
         places = [
             f"{arm}.start_{what}" for arm in arms
@@ -718,7 +720,7 @@ def margin(
     arms: tuple[str, ...],
     period: float,
     robots: tuple[ArmDescription, ...],
-    latest: float = gate.LATEST,
+    latest: float = gate.LONGEST_DELAY_TICKS,
 ) -> gate.CoupledMargin:
     """How the law stands over the set of `hil.teleop.gate.coupled`.
 
@@ -746,7 +748,7 @@ def _margin(
 ) -> gate.CoupledMargin:
     """As `margin`, for a law that feeds no friction forward."""
     law, d = CartesianCoupling(config, arms, period, robots, judged=False), robots[0].d
-    rotors = [each(getattr(config, name), d, name) for name in _JOINTS[:2]]
+    rotors = [per_joint(getattr(config, name), d, name) for name in _JOINTS[:2]]
     return gate.coupled(law, robots, rotors, period, config.incision_depth, latest)
 
 
@@ -762,6 +764,6 @@ def _room(d: int) -> np.dtype[Any]:
     return np.dtype([(name, f, shape) for name, shape in shapes.items()])
 
 
-CARTESIAN_COUPLING = Law(CartesianCouplingConfig, CartesianCoupling, margin=margin)
+CARTESIAN_COUPLING = JointSpaceLaw(CartesianCouplingConfig, CartesianCoupling, margin=margin)
 
 __all__ = ["CARTESIAN_COUPLING", "CartesianCoupling", "CartesianCouplingConfig", "margin"]

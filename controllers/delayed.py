@@ -74,7 +74,7 @@ def drive(goal: float, rate: float, x: float, v: float, p: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def allowed(room: float, reserve: float) -> float:
+def _allowed(room: float, reserve: float) -> float:
     """Share of a force that the energy left allows: 1 from the reserve on, 0 where none is left.
 
     It fades with the energy, not with the sign of a noisy speed: the force stays continuous.
@@ -89,7 +89,7 @@ def let(room: float, reserve: float, s: Any, n: Any, p: Any) -> float:
     A force F that fades over an energy E acts as a spring of F^2 / E, which at 8 N and 2 mJ is
     stiffer than any period of a millisecond bears.  One that comes back slowly does not.
     """
-    n[LET] = min(allowed(room, reserve), s[LET] + p.rise)
+    n[LET] = min(_allowed(room, reserve), s[LET] + p.rise)
     return float(n[LET])
 
 
@@ -122,7 +122,7 @@ def observed(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> floa
     step = min(max(step, -most), most)
     f = drive(s[_GOAL], rate, x, v, p)
     if f * step > 0.0:
-        part = allowed(h[_ENERGY] + p.reserve - s[OUT], p.reserve)
+        part = _allowed(h[_ENERGY] + p.reserve - s[OUT], p.reserve)
         step, rate = part * step, part * rate
         f = drive(s[_GOAL] + step, rate, x, v, p)
     work = f * step
@@ -189,7 +189,7 @@ def tanked(a: int, x: float, v: float, h: Any, s: Any, n: Any, p: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def learn(x: float, v: float, force: float, s: Any, n: Any, p: Any) -> None:
+def _learn(x: float, v: float, force: float, s: Any, n: Any, p: Any) -> None:
     """Environment of the follower by recursive least squares with forgetting: f = c - k x.
 
     Only in contact, and only while it moves.  A contact begins anew, from a surface where the
@@ -226,7 +226,7 @@ def modelled(a: int, x: float, v: float, force: float, h: Any, s: Any, n: Any, p
     The model changes at the leader within `blend` seconds, where that gives it no energy.
     """
     if a == 1:
-        learn(x, v, force, s, n, p)
+        _learn(x, v, force, s, n, p)
         return drive(h[_X], h[_V], x, v, p)
     if h[_SIDE] == NO_WALL:
         n[STIFFNESS] = s[STIFFNESS] * (1.0 - p.period / p.blend)
@@ -289,7 +289,7 @@ def law(
     x_next[0] = 1.0
     x_next[1] = x[1] if x[0] > 0.0 else tick
     for a in range(2):
-        dynamics.forward(u[a], p.lengths, w.place[a])
+        dynamics.forward_kinematics(u[a], p.lengths, w.place[a])
         dynamics.jacobian(u[a], p.lengths, w.jacobian[a])
         for i in range(3):
             at = HEAD + FIELDS * (3 * a + i)
@@ -326,7 +326,7 @@ def law(
             # what hardly grows with the depth is friction along a wall, and has no surface
             if n[TOUCH] != 0.0 and n[STIFFNESS] < SOFTEST * p.expected:
                 out[_SIDE] = NO_WALL
-    fixtures.push(walls, w.place[0], w.speed[0], w.out, w.force[0])
+    fixtures.fixture_force(walls, w.place[0], w.speed[0], w.out, w.force[0])
     for a in range(2):
         for j in range(3):
             y[a, j] = w.gravity[a, j] - (p.leader_damping * u[0, 3 + j] if a == 0 else 0.0)
@@ -430,7 +430,7 @@ class DelayedConfig:
     brake: float = 1.0
     wall: WallConfig = field(default_factory=WallConfig)
     fixtures: tuple[FixtureConfig, ...] = ()
-    lengths: tuple[float, float] = dynamics.LENGTHS
+    lengths: tuple[float, float] = dynamics.LINK_LENGTHS
     leader_gravity: tuple[float, float] = (0.12, 0.03)
     follower_gravity: tuple[float, float] = (0.0, -0.06)
 
@@ -658,7 +658,7 @@ class Delayed:
         self._c = constants(config, period)
         self._w = np.zeros(1, _WORK)[0]
         wall = (config.wall.fixture(),) if config.wall.stiffness else ()
-        self._walls = fixtures.table((*wall, *config.fixtures))
+        self._walls = fixtures.fixture_records((*wall, *config.fixtures))
         self._gravity = np.array([config.leader_gravity, config.follower_gravity])
 
     def update(

@@ -22,7 +22,7 @@ SINGULAR = 1e-4
 
 
 @nb.njit(cache=True, nogil=True)
-def inverse_dynamics(q: Any, v: Any, a: Any, pi: Any, out: Any) -> None:
+def premium_inverse_dynamics(q: Any, v: Any, a: Any, pi: Any, out: Any) -> None:
     """Joint torques [N m] into `out` (3,) for q, q', q'' (3,) [rad, ...] and pi (8,)."""
     s2, c2, s3, c3 = sin(q[1]), cos(q[1]), sin(q[2]), cos(q[2])
     s23, c23 = sin(q[1] - q[2]), cos(q[1] - q[2])
@@ -38,12 +38,12 @@ def inverse_dynamics(q: Any, v: Any, a: Any, pi: Any, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def momentum(q: Any, v: Any, pi: Any, work: Any, out: Any) -> None:
+def premium_momentum(q: Any, v: Any, pi: Any, work: Any, out: Any) -> None:
     """M(q) q' [N m s] into `out` (3,); `work` (2, 3) is scratch."""
     # N alone, then M a + N with a = q'
     work[0, :] = 0.0
-    inverse_dynamics(q, work[0], work[0], pi, work[1])
-    inverse_dynamics(q, work[0], v, pi, out)
+    premium_inverse_dynamics(q, work[0], work[0], pi, work[1])
+    premium_inverse_dynamics(q, work[0], v, pi, out)
     for i in range(3):
         out[i] -= work[1, i]
 
@@ -55,9 +55,9 @@ def push(q: Any, v: Any, pi: Any, work: Any, out: Any) -> None:
     for side in range(2):
         for i in range(3):
             work[2, i] = q[i] + (h if side == 0 else -h) * v[i]
-        momentum(work[2], v, pi, work[:2], work[3 + side])
+        premium_momentum(work[2], v, pi, work[:2], work[3 + side])
     work[0, :] = 0.0
-    inverse_dynamics(q, v, work[0], pi, work[5])
+    premium_inverse_dynamics(q, v, work[0], pi, work[5])
     for i in range(3):
         out[i] = (work[3, i] - work[4, i]) / (2.0 * h) - work[5, i]
 
@@ -76,7 +76,7 @@ def drift(q: Any, v: Any, lengths: Any, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def solve(j: Any, b: Any, out: Any) -> None:
+def solve_jacobian(j: Any, b: Any, out: Any) -> None:
     """J x = b by cofactors into `out` (3,); a determinant below `SINGULAR` counts as that."""
     a0 = j[1, 1] * j[2, 2] - j[1, 2] * j[2, 1]
     a1 = j[1, 2] * j[2, 0] - j[1, 0] * j[2, 2]
@@ -107,7 +107,7 @@ def solve_transposed(j: Any, b: Any, work: Any, out: Any) -> None:
     for i in range(3):
         for k in range(3):
             work[i, k] = j[k, i]
-    solve(work, b, out)
+    solve_jacobian(work, b, out)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -160,7 +160,7 @@ def advance(
     room, impulse, flow : ndarray (6, 3), (3,), (3,)
         Scratch.
     """
-    momentum(q, v, pi, room[:2], impulse)
+    premium_momentum(q, v, pi, room[:2], impulse)
     push(q, v, pi, room, flow)
     for i in range(3):
         known = past[i] + period * (sent[i] + flow[i] - rub[i]) if running else impulse[i]
@@ -171,11 +171,11 @@ def advance(
 # ------------------------------------------------------------ geometry
 
 #: Nominal l1, l2 [m] (Cavusoglu et al. 2002).
-LENGTHS = (0.215, 0.170)
+LINK_LENGTHS = (0.215, 0.170)
 
 
 @nb.njit(cache=True, nogil=True)
-def forward(q: Any, lengths: Any, out: Any) -> None:
+def forward_kinematics(q: Any, lengths: Any, out: Any) -> None:
     """Tip position [m] into `out` (3,); `q` (3,) [rad], `lengths` = l1, l2 [m]."""
     r = lengths[0] * cos(q[1]) + lengths[1] * sin(q[2])
     out[0] = r * cos(q[0])
@@ -209,5 +209,5 @@ def jacobian(q: Any, lengths: Any, out: Any) -> None:
 
 
 def premium() -> tuple[Callable[..., None], Any]:
-    """`forward` and the lengths of the PHANTOM Premium 1.5, for the registry."""
-    return forward, np.array(LENGTHS)
+    """`forward_kinematics` and the lengths of the PHANTOM Premium 1.5, for the registry."""
+    return forward_kinematics, np.array(LINK_LENGTHS)

@@ -81,7 +81,7 @@ class FixtureConfig:
         return np.array([_KINDS.index(self.kind), *self.place, *direction, *size])
 
 
-def table(fixtures: Sequence[FixtureConfig]) -> FloatArray:
+def fixture_records(fixtures: Sequence[FixtureConfig]) -> FloatArray:
     """All of them for the kernel, (n, SIZE)."""
     return np.array([f.numbers() for f in fixtures]).reshape(-1, _SIZE)
 
@@ -113,13 +113,13 @@ def off(f: Any, x: Any, n: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def push(fixtures: Any, x: Any, v: Any, n: Any, force: Any) -> None:
+def fixture_force(fixtures: Any, x: Any, v: Any, n: Any, force: Any) -> None:
     """Add what all fixtures do to the leader to `force` (3,) [N]; `n` (3,) is scratch.
 
     Parameters
     ----------
     fixtures : ndarray (k, SIZE)
-        See `table`.
+        See `fixture_records`.
     x, v : ndarray (3,)
         Tip from its start [m], its velocity [m/s].
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from hil.errors import ConfigError
 from hil.excite import trajectory
-from hil.excite.trajectory import grid, sample
+from hil.excite.trajectory import period_times, sample
 from hil.models.bodies import inverse_dynamics, loop_room
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
@@ -104,10 +104,10 @@ class _Gains:
 
     def rotors(self, d: int) -> FloatArray:
         """`armature` (d,)."""
-        return each(self.armature, d, "armature")
+        return per_joint(self.armature, d, "armature")
 
 
-def each(values: tuple[float, ...], d: int, name: str) -> FloatArray:
+def per_joint(values: tuple[float, ...], d: int, name: str) -> FloatArray:
     """`values` as an array (d,); zeros where there are none.
 
     Raises
@@ -148,7 +148,7 @@ class JointMotionConfig(_Gains):
 
 
 @nb.njit(cache=True, nogil=True)
-def aim(t: float, x: Any, u: Any, table: Any, goal: Any, times: Any, x_next: Any) -> None:
+def _aim(t: float, x: Any, u: Any, table: Any, goal: Any, times: Any, x_next: Any) -> None:
     """Reference place, speed and acceleration (3, d) into `goal`, filtered speed into `x_next`.
 
     Parameters
@@ -294,7 +294,7 @@ class JointMotion:
         self.config, self._act = config, act
         d = self._d = robots[0].d
         self._own = 1 + 3 * d
-        rub = each(config.friction, d, "friction")
+        rub = per_joint(config.friction, d, "friction")
         self._rows = []
         for k, robot in enumerate(robots):
             chain = Chain(robot)
@@ -319,7 +319,7 @@ class JointMotion:
         """One period; see `hil.signals.device.Controller`."""
         for a, (at, table, gains, known, room) in enumerate(self._rows):
             following = x_next[at]
-            aim(t, x[at], u[a], table, self._goal, self._times, following)
+            _aim(t, x[at], u[a], table, self._goal, self._times, following)
             speed = following[1 + 2 * self._d :]
             self._act(u[a], speed, self._goal, gains, known, room, self._work, y[a])
 
@@ -328,15 +328,17 @@ def _table(config: JointMotionConfig, arm: ArmDescription, period: float) -> Flo
     """Place, speed and acceleration (n, d, 3) at every tick; one row where the arm holds still."""
     if not config.trajectory:
         still = np.zeros((1, arm.d, 3))
-        still[0, :, 0] = each(config.center, arm.d, "center") if config.center else arm.center
+        still[0, :, 0] = per_joint(config.center, arm.d, "center") if config.center else arm.center
         return still
-    motion = trajectory.read(config.trajectory)
+    motion = trajectory.read_trajectory(config.trajectory)
     if motion.joints != arm.joints:
         raise ConfigError(
             f"trajectory {config.trajectory} moves {', '.join(motion.joints)}, the arm has "
             f"{', '.join(arm.joints)}."
         )
-    return np.ascontiguousarray(np.stack(sample(motion, grid(motion, 1.0 / period)), axis=-1))
+    return np.ascontiguousarray(
+        np.stack(sample(motion, period_times(motion, 1.0 / period)), axis=-1)
+    )
 
 
 @dataclass(frozen=True)
@@ -411,7 +413,7 @@ class JointCoupling:
             *(f"{arm}.speed{i + 1}" for arm in arms for i in range(d)),
         )
         if judged:
-            found = coupling_margin(config, arms, period, robots, gate.LATE)
+            found = coupling_margin(config, arms, period, robots, gate.USUAL_DELAY_TICKS)
             gate.refuse_coupled(found, period, gate.JOINTS)
 
     def update(
@@ -434,7 +436,7 @@ def coupling_margin(
     arms: tuple[str, ...],
     period: float,
     robots: tuple[ArmDescription, ...],
-    latest: float = gate.LATEST,
+    latest: float = gate.LONGEST_DELAY_TICKS,
 ) -> gate.CoupledMargin:
     """How the law stands over the set of `hil.teleop.gate.coupled`.
 
@@ -473,7 +475,7 @@ def facing(a: int, x: Any, u: Any, d: int, goal: Any) -> None:
 
 
 @dataclass(frozen=True)
-class Law:
+class JointSpaceLaw:
     """What the registry finds: parameters, how the law is built, that it takes any arm, and how it
     is judged where it can be.
     """
@@ -489,6 +491,8 @@ class Law:
         return self.margin is not None
 
 
-JOINT_PD = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))
-COMPUTED_TORQUE = Law(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, computed))
-JOINT_COUPLING = Law(JointCouplingConfig, JointCoupling, margin=coupling_margin)
+JOINT_PD = JointSpaceLaw(JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, pd))
+COMPUTED_TORQUE = JointSpaceLaw(
+    JointMotionConfig, lambda c, a, t, r: JointMotion(c, a, t, r, computed)
+)
+JOINT_COUPLING = JointSpaceLaw(JointCouplingConfig, JointCoupling, margin=coupling_margin)

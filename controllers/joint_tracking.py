@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError
 from hil.excite import trajectory
-from hil.excite.trajectory import grid, sample
+from hil.excite.trajectory import period_times, sample
 from hil.signals.device import FloatArray
 from hil.signals.settable import SettableRange
 
@@ -64,7 +64,7 @@ def coefficients(
     return out
 
 
-def multisine(c: FloatArray, t: FloatArray, period: float) -> FloatArray:
+def multisine_values(c: FloatArray, t: FloatArray, period: float) -> FloatArray:
     """Values (n, d) of the motion with coefficients `c` at times `t` (n,) [s]."""
     angle = 2 * np.pi / period * np.outer(t, np.arange(1, c.shape[1] + 1))
     return np.asarray(np.sin(angle) @ c[..., 0].T + np.cos(angle) @ c[..., 1].T)
@@ -261,7 +261,7 @@ class JointTracking:
         c = coefficients(rng, np.array(config.amplitude), np.array(config.speed), config.period)
         t = np.linspace(0.0, config.period, 2001)
         for _ in range(20):
-            q = self._center + multisine(c, t, config.period)
+            q = self._center + multisine_values(c, t, config.period)
             fold = q[:, 1] - q[:, 2]
             if fold.min() > FOLD[0] and fold.max() < FOLD[1]:
                 return c
@@ -279,10 +279,12 @@ def _table(path: str, period: float) -> FloatArray:
     """Place, speed and acceleration (n, 3, 3) of a trajectory file at every tick; else empty."""
     if not path:
         return np.zeros((0, 3, 3))
-    motion = trajectory.read(path)
+    motion = trajectory.read_trajectory(path)
     if motion.d != 3:
         raise ConfigError(f"trajectory {path} moves {motion.d} joints, the arms have 3.")
-    return np.ascontiguousarray(np.stack(sample(motion, grid(motion, 1.0 / period)), axis=-1))
+    return np.ascontiguousarray(
+        np.stack(sample(motion, period_times(motion, 1.0 / period)), axis=-1)
+    )
 
 
 Config = JointTrackingConfig

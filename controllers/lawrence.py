@@ -20,7 +20,7 @@ from hil.controllers.lawrence_config import (
     FIRST_FILTER,
     FIRST_OBSERVED,
     FIRST_SLIP,
-    SHAPES,
+    MASS_SHAPES,
     LawrenceConfig,
 )
 from hil.errors import ConfigError
@@ -42,7 +42,7 @@ _OBSERVER = 12
 @nb.njit(cache=True, nogil=True)
 def _measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next: Any) -> None:
     """Tip of arm `a` into w.jacobian, w.tip, and its filtered signals into w.signals (3, 4)."""
-    dynamics.forward(q, c.lengths, w.tip[a])
+    dynamics.forward_kinematics(q, c.lengths, w.tip[a])
     dynamics.jacobian(q, c.lengths, w.jacobian[a])
     for i in range(3):
         at = FIRST_FILTER + 18 * a + 6 * i
@@ -52,7 +52,7 @@ def _measure(a: int, q: Any, v: Any, wrench: Any, x: Any, c: Any, w: Any, x_next
         x_next[at] = x[at] if x[0] > 0.0 else w.tip[a, i]
         # f_m = +F, f_s = -F with F ON the robot
         force = wrench[i] if a == 0 else -wrench[i]
-        lawrence_filters.sense(
+        lawrence_filters.filtered_axis(
             w.tip[a, i] - x_next[at],
             speed,
             force,
@@ -73,7 +73,7 @@ def rub(
     `y` holds the torque before, which is the load that a joint transmits.
     """
     w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, w.goal, w.goal, c.models[a], w.bend)
+    dynamics.premium_inverse_dynamics(q, w.goal, w.goal, c.models[a], w.bend)
     for j in range(3):
         w.known[j], w.known[3 + j], w.known[6 + j], w.known[9 + j] = q[j], v[j], y[j], w.bend[j]
         w.rub[a, j] = dynamics.interpolate(v[j], c.speeds, c.friction[a, j])
@@ -117,10 +117,10 @@ def torque(a: int, q: Any, v: Any, force: Any, c: Any, w: Any, y: Any) -> None:
         dynamics.drift(q, v, c.lengths, w.bend)
         for i in range(3):
             w.bend[i] = w.goal[i] - w.bend[i]
-        dynamics.solve(w.jacobian[a], w.bend, w.goal)
+        dynamics.solve_jacobian(w.jacobian[a], w.bend, w.goal)
     else:
         w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, v, w.goal, c.models[a], y)
+    dynamics.premium_inverse_dynamics(q, v, w.goal, c.models[a], y)
     for j in range(3):
         for i in range(3):
             y[j] += w.jacobian[a, i, j] * w.push[i]
@@ -141,8 +141,8 @@ def _believe(u: Any, c: Any, w: Any) -> None:
             dynamics.drift(q, v, c.lengths, w.bend)
             for i in range(3):
                 w.bend[i] = w.signals[a, i, 2] - w.bend[i]
-            dynamics.solve(w.jacobian[a], w.bend, w.goal)
-            dynamics.momentum(q, w.goal, c.models[a], w.room[:2], w.impulse)
+            dynamics.solve_jacobian(w.jacobian[a], w.bend, w.goal)
+            dynamics.premium_momentum(q, w.goal, c.models[a], w.room[:2], w.impulse)
             dynamics.solve_transposed(w.jacobian[a], w.impulse, w.square, w.pull[a])
     for i in range(3):
         w.signals[0, i, 3], w.signals[1, i, 3] = lawrence_filters.believe(
@@ -210,7 +210,7 @@ def command(a: int, c: Any, walls: Any, w: Any, x_next: Any) -> None:
         else:
             w.force[i] = lawrence_filters.slave(c.gains[i], w.heard[i], w.signals[1, i])
     if a == 0:
-        fixtures.push(walls, w.signals[0, :, 0], w.signals[0, :, 1], w.bend, w.force)
+        fixtures.fixture_force(walls, w.signals[0, :, 0], w.signals[0, :, 1], w.bend, w.force)
     for i in range(3):
         # what the law believes: f_m = m a_m - f_cm, f_s = f_cs - m a_s
         pull = c.masses[a, i] * w.signals[a, i, 2] - w.force[i]
@@ -315,7 +315,7 @@ def constants(config: LawrenceConfig, period: float) -> Any:
     c["observer"] = 2 * np.pi * config.observer_hz
     c["disturbance"] = config.disturbance
     c["share"], c["estimated"] = config.friction_share, config.forces == "estimated"
-    c["shape"] = SHAPES.index(config.shape)
+    c["shape"] = MASS_SHAPES.index(config.shape)
     if n:
         c["speeds"] = config.friction_speeds
         c["friction"][0] = np.reshape(config.leader_friction, (3, n))
@@ -330,7 +330,7 @@ def friction_of(config: LawrenceConfig) -> tuple[tuple[Any, Any, Any], ...]:
         (config.leader_effects, config.leader_span),
         (config.follower_effects, config.follower_span),
     )
-    found = (compensation_tables.kept(tuple(e.items()), tuple(span)) for e, span in both)
+    found = (compensation_tables.cached_tables(tuple(e.items()), tuple(span)) for e, span in both)
     return tuple((t.terms, t.slips, t.values) for t in found)
 
 
@@ -352,7 +352,7 @@ class Lawrence:
         If the design must not run: improper gains, an unstable loop, a delay beyond the margin.
     """
 
-    state_names = lawrence_config.NAMES
+    state_names = lawrence_config.LAWRENCE_STATE
 
     def __init__(self, config: LawrenceConfig, arms: tuple[str, ...], period: float) -> None:
         if len(arms) != 2:
@@ -370,7 +370,7 @@ class Lawrence:
         self._line = np.zeros((2, int(self._ages.max()) + 2, 3, lawrence_filters.SIGNALS))
         self._c = constants(config, period)
         self._tables = friction_of(config)
-        self._walls = fixtures.table(config.fixtures)
+        self._walls = fixtures.fixture_records(config.fixtures)
         self._w = np.zeros(1, WORK)[0]
 
     def judge(self, corner_hz: float) -> None:

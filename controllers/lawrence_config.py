@@ -93,7 +93,7 @@ def schedule(config: ChannelConfig, period: float, seed: int) -> NDArray[np.int6
 
 
 #: How the robots become point masses: not at all, with measured forces, with accelerations.
-SHAPES = ("natural", "force", "acceleration")
+MASS_SHAPES = ("natural", "force", "acceleration")
 #: Where the law takes its forces from.
 SOURCES = ("measured", "estimated")
 #: Cavusoglu's parameters of the bare arm [kg m^2 x6, N m x2].
@@ -227,8 +227,8 @@ class LawrenceConfig:
     force_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.shape not in SHAPES:
-            raise ConfigError(unknown("shape", self.shape, SHAPES))
+        if self.shape not in MASS_SHAPES:
+            raise ConfigError(unknown("shape", self.shape, MASS_SHAPES))
         if self.forces not in SOURCES:
             raise ConfigError(unknown("forces", self.forces, SOURCES))
         if self.forces == "estimated" and not self._both_at_once():
@@ -369,7 +369,7 @@ _SIZES = {
 
 _ARMS = ("leader", "follower")
 _JOINTS = (1, 2, 3)
-#: Of one axis: where it started, and the memory of `lawrence_filters.sense`.
+#: Of one axis: where it started, and the memory of `lawrence_filters.filtered_axis`.
 _FILTERS = ("origin", "velocity", "raw", "acceleration", "force", "on")
 #: Of one arm: the momentum observer of `hil.controllers.dynamics`, the sensor behind its corner.
 _OBSERVER = (
@@ -383,7 +383,7 @@ _SLIP = (
     *(f"last{j}" for j in _JOINTS),
     *(f"slip{j}_{e}" for j in _JOINTS for e in (1, 2, 3)),
 )
-NAMES = (
+LAWRENCE_STATE = (
     "started",
     *(f"{arm}_{what}_{axis}" for arm in _ARMS for axis in AXES for what in _FILTERS),
     *(f"{arm}_estimate_{axis}" for arm in _ARMS for axis in AXES),
@@ -392,7 +392,7 @@ NAMES = (
 )
 #: Where the filters, the law's estimates of the forces, the momentum observer's memory and the
 #: memory of friction with a state start; the leader's, then the follower's.
-FIRST_FILTER = NAMES.index("leader_origin_x")
-FIRST_ESTIMATE = NAMES.index("leader_estimate_x")
-FIRST_OBSERVED = NAMES.index("leader_impulse1")
-FIRST_SLIP = NAMES.index("leader_last1")
+FIRST_FILTER = LAWRENCE_STATE.index("leader_origin_x")
+FIRST_ESTIMATE = LAWRENCE_STATE.index("leader_estimate_x")
+FIRST_OBSERVED = LAWRENCE_STATE.index("leader_impulse1")
+FIRST_SLIP = LAWRENCE_STATE.index("leader_last1")

@@ -52,7 +52,7 @@ class PositionForceConfig:
     force_scale: float = 0.7
     force_filter: float = 0.004
     leader_damping: float = 0.004
-    lengths: tuple[float, float] = dynamics.LENGTHS
+    lengths: tuple[float, float] = dynamics.LINK_LENGTHS
     leader_gravity: tuple[float, ...] = (0.12, 0.03)
     follower_gravity: tuple[float, ...] = (0.0, -0.06)
 
@@ -127,7 +127,7 @@ def law(
         Room for the Jacobians and, in the last row, the positions.
     """
     for a in range(2):
-        dynamics.forward(u[a], lengths, work[a, 3])
+        dynamics.forward_kinematics(u[a], lengths, work[a, 3])
         dynamics.jacobian(u[a], lengths, work[a])
     x_next[0] = 1.0
     for i in range(3):

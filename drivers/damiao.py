@@ -60,7 +60,7 @@ class DrivesWire(Wire, Protocol):
 
 
 @nb.njit(cache=True, nogil=True)
-def joint_state(
+def _joint_state(
     counts: Any, rates: Any, zero: Any, scale: Any, pace: Any, position: Any, velocity: Any
 ) -> None:
     """Position [rad] and velocity [rad/s] (d,) from half steps.
@@ -171,7 +171,7 @@ class DamiaoArm:
                 self._begun = True
                 self._velocity.reset(self.counts)
             self._velocity.update(self.counts, steps, self._rate)
-        joint_state(
+        _joint_state(
             self.counts, self._rate, self._zero, self._position, self._pace, position, velocity
         )
         if status is _LOST:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil.drivers.links.can import CanLink, frame, shared
+from hil.drivers.links.can import CanLink, can_frame, shared_link
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import IntArray, Status
@@ -28,12 +28,12 @@ from hil.signals.device import IntArray, Status
 #: Largest words: 16 bits of position, 12 of speed, gains and effort.
 _TOP_POSITION, _TOP = 0xFFFF, 0xFFF
 #: Last byte of eight, after seven times 0xff.
-ENABLE, DISABLE, ZERO, CLEAR = 0xFC, 0xFD, 0xFE, 0xFB
+ENABLE, DISABLE, ZERO, CLEAR_FAULT = 0xFC, 0xFD, 0xFE, 0xFB
 #: Identifier of everything about registers; the drive is named in the data.
 REGISTERS = 0x7FF
 READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
 #: Registers: silence after which the drive stops [50 us], mode, ranges of the words.
-TIMEOUT, MODE, PMAX, VMAX, TMAX = 9, 10, 21, 22, 23
+TIMEOUT, MODE_REGISTER, PMAX, VMAX, TMAX = 9, 10, 21, 22, 23
 TIMEOUT_UNIT = 50e-6
 MIT_MODE = 1
 #: What the upper half of the first byte of an answer says.
@@ -92,7 +92,7 @@ def effort_command(effort: int) -> bytes:
 
 
 def special(what: int) -> bytes:
-    """`ENABLE`, `DISABLE`, `ZERO` or `CLEAR`."""
+    """`ENABLE`, `DISABLE`, `ZERO` or `CLEAR_FAULT`."""
     return b"\xff" * 7 + bytes((what,))
 
 
@@ -231,9 +231,9 @@ class DamiaoBus:
         self._heard_ns = np.zeros(n, np.int64)
         self._asked = False
         self._register: Register | None = None
-        self._refresh = [frame(REGISTERS, refresh(i)) for i in drives]
-        self._off = [frame(i, special(DISABLE)) for i in drives]
-        self._command = [frame(i, effort_command(0)) for i in drives]
+        self._refresh = [can_frame(REGISTERS, refresh(i)) for i in drives]
+        self._off = [can_frame(i, special(DISABLE)) for i in drives]
+        self._command = [can_frame(i, effort_command(0)) for i in drives]
         for k, drive in enumerate(drives):
             at = config.master + drive
             link.subscribe(range(at, at + 1), self._mailbox(k))
@@ -274,7 +274,7 @@ class DamiaoBus:
                     "PMAX, VMAX and TMAX with the vendor's tool"
                 )
             self.scales[k] = np.array(ranges) / (_TOP_POSITION, _TOP, _TOP)
-            mode = self._read(drive, MODE).integer
+            mode = self._read(drive, MODE_REGISTER).integer
             if mode != MIT_MODE:
                 raise DeviceError(
                     f"box {self.name!r}: drive {drive} is in mode {mode}, and 1 (MIT) is needed; "
@@ -376,7 +376,7 @@ class DamiaoBus:
         for k, drive in enumerate(self.channels):
             self.status[k] = -1
             if on:
-                self._link.send(drive, special(CLEAR))
+                self._link.send(drive, special(CLEAR_FAULT))
             self._link.send(drive, special(ENABLE if on else DISABLE))
             wanted = _ON if on else _OFF
             if not self._reports(k, wanted) and on:
@@ -423,7 +423,7 @@ def open_box(
             f"box {name!r}: channels are the identifiers of drives, 1 to {MOST_DRIVE}, not "
             f"{wrong[0] if wrong else 'none'}."
         )
-    link = shared(bus, config.interface, address or "can0", config.bit_rate)
+    link = shared_link(bus, config.interface, address or "can0", config.bit_rate)
     box = DamiaoBus(name, link, bus, config, channels)
     try:
         box.set_up()

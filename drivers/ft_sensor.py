@@ -46,7 +46,7 @@ class Transducer:
 
 #: Ranges of ATI's product pages: Nano17 SI-12-0.12 and Nano25 SI-125-3.  Sensitivities are of this
 #: rig's converters.
-MODELS: dict[str, Transducer] = {
+TRANSDUCERS: dict[str, Transducer] = {
     "nano17": Transducer(1280.0, 160000.0, (12.0, 12.0, 17.0, 0.12, 0.12, 0.12)),
     "nano25": Transducer(192.0, 8000.0, (125.0, 125.0, 500.0, 3.0, 3.0, 3.0)),
 }
@@ -119,8 +119,8 @@ class FtSensorConfig:
     tare_samples: int = 200
 
     def __post_init__(self) -> None:
-        if self.model not in MODELS:
-            raise ConfigError(unknown("force sensor model", self.model, MODELS))
+        if self.model not in TRANSDUCERS:
+            raise ConfigError(unknown("force sensor model", self.model, TRANSDUCERS))
         if self.tare_samples < 1:
             raise ConfigError("tare_samples must be at least 1.")
 
@@ -131,7 +131,7 @@ class FtSensorConfig:
         fz + tx sin a - ty cos a and a tangential one fy cos a - fx sin a + tz.  Summing over
         the beams inverts this: fz = sum/3, tx = 2/3 sum(axial sin a), and so on.
         """
-        force, torque = MODELS[self.model].force, MODELS[self.model].torque
+        force, torque = TRANSDUCERS[self.model].force, TRANSDUCERS[self.model].torque
         c = np.zeros((6, 6))
         for beam in range(3):
             a = 2 * np.pi * beam / 3
@@ -405,7 +405,7 @@ class FtSensor(ForceSensor):
     def __init__(self, name: str, wire: Wire, config: FtSensorConfig, period: float) -> None:
         self.config = config
         source = IdealGauges(wire, config.calibration(), period)
-        super().__init__(name, source, config.tare_samples, MODELS[config.model].ranges)
+        super().__init__(name, source, config.tare_samples, TRANSDUCERS[config.model].ranges)
 
 
 def open_device(
@@ -413,7 +413,7 @@ def open_device(
 ) -> ForceSensor:
     """Open a sensor: on a box that knows its calibration, or behind an ideal wire."""
     if isinstance(wire, GaugeSource):
-        return ForceSensor(name, wire, config.tare_samples, MODELS[config.model].ranges)
+        return ForceSensor(name, wire, config.tare_samples, TRANSDUCERS[config.model].ranges)
     return FtSensor(name, wire, config, period)
 
 

@@ -56,7 +56,7 @@ class CoordinateSpace:
 
 
 #: The cursor's axes in metres and newtons; or the joints, in degrees.
-SPACES = {
+COMMAND_SPACES = {
     "cursor": CoordinateSpace(
         "cursor_position", "cursor_velocity", ("x", "y", "z"), 1.0, (1e-8, 1e-7, 1e-4)
     ),
@@ -68,7 +68,7 @@ SPACES = {
 _FORMATS = {"3.5": "vector", "3.1": "values"}
 
 
-def command(device: str, space: str, version: str) -> bytes:
+def command_message(device: str, space: str, version: str) -> bytes:
     """Message with efforts of one device, three places left for the numbers."""
     body = (
         f'"set_cursor_force":{{"{_FORMATS[version]}":{{"x":%.4f,"y":%.4f,"z":%.4f}}}}'
@@ -89,7 +89,7 @@ def devices(message: bytes) -> list[dict[str, Any]] | None:
     return rows if isinstance(rows, list) and all(isinstance(r, dict) for r in rows) else None
 
 
-def numbers(row: Mapping[str, Any], key: str, axes: tuple[str, str, str]) -> Any:
+def numbers_of(row: Mapping[str, Any], key: str, axes: tuple[str, str, str]) -> Any:
     """Three finite numbers of a device's state; None where they are not there."""
     try:
         table = row["state"][key]
@@ -314,8 +314,8 @@ class InverseConfig:
     lost_ms: float = 50.0
 
     def __post_init__(self) -> None:
-        if self.space not in SPACES:
-            raise ConfigError(unknown("space", self.space, SPACES))
+        if self.space not in COMMAND_SPACES:
+            raise ConfigError(unknown("space", self.space, COMMAND_SPACES))
         if self.format not in _FORMATS:
             raise ConfigError(unknown("format", self.format, _FORMATS))
         if not 0 < self.stale_ms <= self.lost_ms or self.answer_ms <= 0:
@@ -386,7 +386,7 @@ class Inverse3:
         config: InverseConfig,
     ) -> None:
         self.name, self.config, self.place = name, config, place
-        self._bus, self._link, self._space = bus, link, SPACES[config.space]
+        self._bus, self._link, self._space = bus, link, COMMAND_SPACES[config.space]
         self.counts, self.rates = np.zeros(3, np.int64), np.zeros(3, np.int64)
         self.scales = np.tile(self._space.steps, (3, 1))
         position, speed, effort = self._space.steps
@@ -399,7 +399,7 @@ class Inverse3:
         self.serial, self._row = device, {}
         self._row = self._found()
         self.serial, self.settings = str(self._row["device_id"]), self._row.get("config") or {}
-        self._command = command(self.serial, config.space, config.format)
+        self._command = command_message(self.serial, config.space, config.format)
         self._zero = self._command % (0.0, 0.0, 0.0)
         self._take(self._row)
 
@@ -439,7 +439,7 @@ class Inverse3:
                 f"box {self.name!r}: the service has {stretched} for device {known[0]}, so that "
                 "its positions are no metres; set every scale to 1 there"
             )
-        if numbers(mine[0], self._space.position, self._space.axes) is None:
+        if numbers_of(mine[0], self._space.position, self._space.axes) is None:
             raise DeviceError(
                 f"box {self.name!r}: the service's list has no state.{self._space.position} of "
                 f"device {known[0]}; is its format older than 3.1?"
@@ -491,8 +491,8 @@ class Inverse3:
     def _take(self, row: dict[str, Any]) -> bool:
         """Keep a state, if it is whole."""
         space = self._space
-        position = numbers(row, space.position, space.axes)
-        velocity = numbers(row, space.velocity, space.axes)
+        position = numbers_of(row, space.position, space.axes)
+        velocity = numbers_of(row, space.velocity, space.axes)
         if position is None or velocity is None:
             self.malformed += 1
             return False
@@ -539,7 +539,9 @@ class Inverse3:
 
     def describe(self) -> str:
         """What the device is and what its service does to forces, for `hil devices`."""
-        return f"Inverse3 {self.serial} by the service at {self.place}" + told(self.settings)
+        return f"Inverse3 {self.serial} by the service at {self.place}" + service_settings(
+            self.settings
+        )
 
     def close(self) -> None:
         """Zeros, then leave the service."""
@@ -549,7 +551,7 @@ class Inverse3:
             self._link.close()
 
 
-def told(config: Mapping[str, Any]) -> str:
+def service_settings(config: Mapping[str, Any]) -> str:
     """Settings of the service that a model of the device sees, in words."""
     said = []
     for key in ("gravity_compensation", "torque_scaling"):
@@ -611,7 +613,8 @@ def attached(bus: Bus) -> list[Attached]:
     return [
         Attached(
             f"localhost:{PORT}/{row.get('device_id')}",
-            f"Inverse3{told(row.get('config') or {})}" + (f"; it {lacks(row)}" * bool(lacks(row))),
+            f"Inverse3{service_settings(row.get('config') or {})}"
+            + (f"; it {lacks(row)}" * bool(lacks(row))),
             not lacks(row),
         )
         for row in rows

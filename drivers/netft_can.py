@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hil.drivers.ft_sensor import CountScale
-from hil.drivers.links.can import CanLink, shared, split_address
+from hil.drivers.links.can import CanLink, shared_link, split_address
 from hil.drivers.links.polled import Patience, PolledGauges
 from hil.errors import ConfigError
 from hil.signals.bus import Bus
@@ -161,7 +161,7 @@ def open_box(
     if any(channels):
         raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
     channel, base = split_address(name, address, config.base)
-    link = shared(bus, config.interface, channel, config.bit_rate)
+    link = shared_link(bus, config.interface, channel, config.bit_rate)
     box = NetFtCan(name, link, replace(config, base=base))
     try:
         box.sample(bus.now_ns())

@@ -143,7 +143,7 @@ class PremiumConfig:
 
 
 @nb.njit(cache=True, nogil=True)
-def joint_state(
+def _joint_state(
     counts: Any, rate: Any, to_joint: Any, period: float, position: Any, velocity: Any
 ) -> None:
     """Position [rad] and velocity [rad/s] from counts and their rates.
@@ -268,7 +268,7 @@ class PremiumArm:
             self._begun = True
             self._velocity.reset(self.counts)
         self._velocity.update(self.counts, steps, self._rate)
-        joint_state(self.counts, self._rate, self._to_joint, self._period, position, velocity)
+        _joint_state(self.counts, self._rate, self._to_joint, self._period, position, velocity)
         if status is _LOST:
             self._machine.command(StateCommand.FAULT)
             return _INVALID

@@ -52,7 +52,7 @@ class LocalModule:
     package: bool = False
 
 
-def beside(plugin: Path, source: bytes) -> dict[str, LocalModule]:
+def local_modules(plugin: Path, source: bytes) -> dict[str, LocalModule]:
     """Modules beside `plugin` that it imports, and what those import, by name.
 
     Parameters
@@ -225,7 +225,7 @@ def loading(plugin: Path, modules: Mapping[str, LocalModule]) -> Iterator[None]:
 
 
 #: Environment variable that names the folder in which things are remembered.
-VARIABLE = "HIL_STATE"
+STATE_VARIABLE = "HIL_STATE"
 #: Endings of scripts that an interpreter runs without a right to be run.
 _SCRIPTS = (".bash", ".js", ".lua", ".pl", ".py", ".rb", ".sh", ".tcl", ".zsh")
 #: Programs that run what they are given, whatever it is called; options of theirs with a value.
@@ -264,7 +264,7 @@ class Executable:
 
 def folder() -> Path:
     """Where this user's agreements and latches are kept."""
-    named = os.environ.get(VARIABLE)
+    named = os.environ.get(STATE_VARIABLE)
     if named:
         return Path(named)
     base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
@@ -283,15 +283,15 @@ def plugin(
     source : bytes
         Its text.
     modules : mapping, optional
-        What `hil.consent.beside` has found.
+        What `hil.consent.local_modules` has found.
 
     Raises
     ------
     ConfigError
-        As of `hil.consent.beside`.
+        As of `hil.consent.local_modules`.
     """
     digest = hashlib.sha256(b"plugin\0" + source)
-    modules = beside(path, source) if modules is None else modules
+    modules = local_modules(path, source) if modules is None else modules
     for name, module in modules.items():
         digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(module.source).digest())
     parts = tuple(_shown(m.path) for m in modules.values())
@@ -316,10 +316,10 @@ def cut_program(words: Sequence[str]) -> Executable:
         # a word may be a whole script, longer than the name of a file may be
         if os.path.isfile(word) and (k == 0 or word == given or is_script(path)):
             digest.update(b"\0" + _content(path))
-    return Executable("cut program", command(words), digest.hexdigest())
+    return Executable("cut program", quoted_command(words), digest.hexdigest())
 
 
-def command(words: Sequence[str]) -> str:
+def quoted_command(words: Sequence[str]) -> str:
     """A command as one line: a word that could be taken for more, or for none, stands in quotes."""
     return " ".join(w if w and w.isprintable() and not _DOUBTFUL & {*w} else repr(w) for w in words)
 
@@ -365,7 +365,7 @@ def _place(what: Executable) -> Path:
     return folder() / "trusted" / what.digest
 
 
-def prepare(place: Path) -> None:
+def ask_consent(place: Path) -> None:
     """Make a folder within `folder`.
 
     Raises
@@ -383,14 +383,14 @@ def unwritable(error: OSError, place: Path) -> str:
     """Sentence about an error at `place`, within `folder`; a full disk names no file."""
     return (
         f"{error.filename or place}: {error.strerror}; agreements and latches are "
-        f"kept in {folder()}, give {VARIABLE} = FOLDER to keep them elsewhere"
+        f"kept in {folder()}, give {STATE_VARIABLE} = FOLDER to keep them elsewhere"
     )
 
 
 def give(what: Executable) -> None:
     """Remember that the user has agreed to it as it is now; `ConfigError` where it cannot be."""
     place = _place(what)
-    prepare(place.parent)
+    ask_consent(place.parent)
     try:
         write_text(place, f"{what.kind}: {what.text}\n")
     except OSError as error:

@@ -159,7 +159,7 @@ def keep_old(path: Path) -> None:
         raise ConfigError(f"cannot write {path}: it is a folder; name a file in it")
     # only where a file is there
     from hil.record.recovery import in_use
-    from hil.runtime.watchdog import beside
+    from hil.runtime.watchdog import report_path
 
     if in_use(path):
         raise ConfigError(
@@ -169,8 +169,8 @@ def keep_old(path: Path) -> None:
     number = next(n for n in count(1) if not path.with_suffix(f".{n}{path.suffix}").exists())
     aside = path.with_suffix(f".{number}{path.suffix}")
     path.rename(aside)
-    if beside(path).exists():  # what the watchdog did goes with the session that it ended
-        beside(path).rename(beside(aside))
+    if report_path(path).exists():  # what the watchdog did goes with the session that it ended
+        report_path(path).rename(report_path(aside))
     sys.stderr.write(f"{path} was there already; it is kept as {aside}\n")
 
 

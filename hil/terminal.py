@@ -281,10 +281,10 @@ def log(text: str) -> None:
 
 def out(text: str) -> None:
     """Text to stdout, its sentences within the terminal."""
-    write(sentences(text) + "\n")
+    write_stdout(sentences(text) + "\n")
 
 
-def write(text: str) -> None:
+def write_stdout(text: str) -> None:
     """Text to stdout as it is: whole lines."""
     with _room():
         sys.stdout.write(text)
@@ -326,15 +326,15 @@ def _within(line: str, wide: int) -> str:
 
 def emit(data: dict[str, Any]) -> None:
     """JSON to stdout."""
-    write(json.dumps(data, indent=2, allow_nan=False) + "\n")
+    write_stdout(json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
-def finite(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """`value` with null in place of what JSON cannot hold."""
     if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
+        return {k: json_value(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
+        return [json_value(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -366,7 +366,7 @@ def write_page(path: str | None, text: str) -> None:
 _INDENT, _GAP = 2, 2
 #: No column of words gets narrower than this [characters].
 _NARROW = 16
-Row = list[str]
+TextRow = list[str]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int] = (0,)) -> str:
@@ -474,13 +474,13 @@ def _lines(cells: Sequence[Sequence[str]], wide: Sequence[int], left: Sequence[i
     return "\n".join(" " * _INDENT + x.rstrip() for x in lines)
 
 
-def _broken(cell: str, width: int) -> Row:
+def _broken(cell: str, width: int) -> TextRow:
     if len(cell) <= width:
         return [cell]
     return textwrap.wrap(cell, max(width, 1), break_on_hyphens=False) or [""]
 
 
-def _row(cells: Sequence[Row], wide: Sequence[int], left: Sequence[int]) -> list[str]:
+def _row(cells: Sequence[TextRow], wide: Sequence[int], left: Sequence[int]) -> list[str]:
     """Lines of one row, as many as its highest cell has."""
     high = max(map(len, cells))
     full = [c + [""] * (high - len(c)) for c in cells]

@@ -38,12 +38,12 @@ def parse(cls: type[T], table: Mapping[str, Any], where: str) -> T:
         if needed and name not in table:
             raise ConfigError(f"[{where}]: the key {name!r} is missing.")
     values = {k: _value(hints[k], v, f"{where}.{k}") for k, v in table.items()}
-    with within(where):
+    with in_table(where):
         return cls(**values)
 
 
 @contextmanager
-def within(where: str) -> Iterator[None]:
+def in_table(where: str) -> Iterator[None]:
     """Give a `ConfigError` the name of its table, unless it has one already."""
     try:
         yield

@@ -73,7 +73,7 @@ def threads() -> int:
 
 
 @contextlib.contextmanager
-def alone() -> Iterator[None]:
+def on_one_thread() -> Iterator[None]:
     """No threads within: what is called here is one of several processes, or measured."""
     token = _limit.set(1)
     try:
@@ -98,7 +98,7 @@ def in_parallel(work: Callable[[T], R], things: Iterable[T], instants: int) -> l
     count = min(threads(), len(waiting)) if instants >= LONG else 1
     if count < 2:
         return [work(x) for x in waiting]
-    with alone():
+    with on_one_thread():
         contexts = [contextvars.copy_context() for _ in waiting]
     # loaded here: every command imports this module, and most work alone
     from concurrent.futures import ThreadPoolExecutor

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.signals.bus import Bus, Step
+from hil.signals.bus import BackgroundStep, Bus
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import LINES, CanLine
-from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.force.transducer import SimulatedTransducer
 from hil.sim_devices.hid.module import SimHid
 from hil.sim_devices.plants import build, world
-from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, SUBSTEPS
+from hil.sim_devices.plants.layout import GEL_DTYPE, NOISES, OPERATOR, SUBSTEPS
 from hil.sim_devices.simtime import VirtualTime
 
 #: Ticks whose random numbers are drawn at once: few, so that no tick is much longer than others.
@@ -54,10 +54,10 @@ class Bench:
         self.names, self.sensors, self.seed = list(arms), dict(arms), seed
         self.period_ns = period_ns
         self.now_ns = 0
-        plan = build.plan(arms, section, seed)
+        plan = build.plan_bench(arms, section, seed)
         self.parameters, self.state = plan.parameters, plan.state
         self.operators, self.gels = plan.operators, plan.gels
-        if self.operators.dtype != OPERATOR or self.gels.dtype != GEL:
+        if self.operators.dtype != OPERATOR or self.gels.dtype != GEL_DTYPE:
             raise ConfigError("[simulation]: operator or gel has another layout.")
         n = len(self.names)
         self.codes = np.zeros((n, 3), np.int64)
@@ -70,7 +70,7 @@ class Bench:
         self.before: list[Callable[[int], None]] = []
         self.after: list[Callable[[int], None]] = []
         for i in range(n):
-            world.sense(
+            world.read_sensors(
                 self.parameters[i],
                 self.state[i],
                 0.0,
@@ -106,11 +106,11 @@ class Bench:
             encoder.advance(self.place(i), self.period_ns * 1e-9)
             self.counts[i] = encoder.counts
 
-    def wire(self, arm: str) -> Wire:
+    def wire(self, arm: str) -> IdealWire:
         """Wire to the devices of one arm."""
         if arm not in self.names:
             raise ConfigError(unknown("simulated arm", arm, self.names))
-        return Wire(self, self.names.index(arm))
+        return IdealWire(self, self.names.index(arm))
 
     def buses(self, plan: dict[str, dict[str, Any]]) -> dict[str, Bus]:
         """Simulated buses, by kind, with the boxes of `plan` on them."""
@@ -131,7 +131,7 @@ class Bench:
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
                 self._left = _BLOCK
-            world.run(
+            world.run_plant(
                 self.parameters,
                 self.state,
                 self.operators,
@@ -150,7 +150,7 @@ class Bench:
                 act(self.now_ns)
 
 
-class Wire:
+class IdealWire:
     """Ideal wire to one arm: what arrives is what was sent.
 
     Attributes
@@ -207,7 +207,7 @@ def open_bench(arms: dict[str, Any], section: dict[str, Any], period_ns: int, se
 
 _NUMBER = itertools.count()
 #: Channel of a box, role, arm, number in the role, sign.
-Cable = tuple[int, str, str, int, int]
+BoxConnection = tuple[int, str, str, int, int]
 #: Driver of a box -> function that puts up what stands at the other end of its cable: of the
 #: `WiredBench`, the box's name, and its row of the plan.
 BOXES = {
@@ -306,7 +306,7 @@ class SimForce:
         for box in self.hosts.values():
             box.run()
 
-    def transducer(self, name: str, cables: list[Cable]) -> Transducer:
+    def transducer(self, name: str, cables: list[BoxConnection]) -> SimulatedTransducer:
         """Sensor of box `name`, mounted on the one arm of its cables.
 
         Raises
@@ -321,7 +321,7 @@ class SimForce:
             )
         arm = arms.pop()
         seed = [bench.seed, bench.names.index(arm)]
-        return Transducer(bench.sensors[arm], seed, press(bench, arm))
+        return SimulatedTransducer(bench.sensors[arm], seed, press(bench, arm))
 
 
 #: An amplifier switches off when its heartbeat line has not changed for so long [ns].
@@ -348,7 +348,7 @@ class WiredBench:
 
     def __init__(self, bench: Bench, plan: dict[str, dict[str, Any]]) -> None:
         self.bench = bench
-        self._pumps: dict[str, Step] = {}
+        self._pumps: dict[str, BackgroundStep] = {}
         from hil.sim_devices.usb.backend import SimUsb  # its library, where a rig has buses
 
         self.usb, self.hid = SimUsb(), SimHid(self._wait)
@@ -380,7 +380,7 @@ class WiredBench:
     def _wait(self, milliseconds: int) -> None:
         self._pause(milliseconds * 1e-3)
 
-    def _run(self, name: str, step: Step) -> Callable[[], None]:
+    def _run(self, name: str, step: BackgroundStep) -> Callable[[], None]:
         """In virtual time, background work is done once a tick."""
         self._pumps[name] = step
         return lambda: self._pumps.pop(name, None) and None
@@ -391,7 +391,7 @@ class WiredBench:
 
     # cables
 
-    def encoders(self, cables: list[Cable]) -> Callable[[NDArray[np.float64]], None]:
+    def encoders(self, cables: list[BoxConnection]) -> Callable[[NDArray[np.float64]], None]:
         """Function that writes where the encoders on these cables stand [quarter lines]."""
         bench, rows = self.bench, []
         for channel, role, arm, motor, sign in cables:
@@ -414,7 +414,7 @@ class WiredBench:
 
         return write_counted if bench.encoders else write
 
-    def motors(self, cables: list[Cable], box: Outputs) -> Callable[[int], None]:
+    def motors(self, cables: list[BoxConnection], box: Outputs) -> Callable[[int], None]:
         """Function that hands the voltages of a box to the amplifiers, once a tick."""
         rows = [
             (c, self.bench.codes[self.bench.names.index(arm)], motor, sign)
@@ -431,7 +431,7 @@ class WiredBench:
 
         return drive
 
-    def watch(self, cables: list[Cable], box: str) -> Callable[[int, int, int], None]:
+    def watch(self, cables: list[BoxConnection], box: str) -> Callable[[int, int, int], None]:
         """Watchdog of the amplifiers of these arms, fed by one box."""
         arms = {self.bench.names.index(arm) for _, role, arm, *_ in cables if role == "motors"}
 

@@ -58,7 +58,7 @@ class ForcesConfig:
     effects: Mapping[str, float] = field(default_factory=dict)
     span: tuple[float, ...] = ()
     plugins: tuple[str, ...] = ()
-    lengths: tuple[float, float] = dynamics.LENGTHS
+    lengths: tuple[float, float] = dynamics.LINK_LENGTHS
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -84,7 +84,7 @@ def differentiate(
     for j in range(3):
         w.goal[j] = (v[j] - past[j]) / c.period if running else 0.0
         now[j] = v[j]
-    dynamics.inverse_dynamics(q, v, w.goal, c.model, w.flow)
+    dynamics.premium_inverse_dynamics(q, v, w.goal, c.model, w.flow)
     for j in range(3):
         # r <- r + share (tau_s - r)
         push = w.flow[j] + w.rub[j] - sent[j]
@@ -109,7 +109,7 @@ def _estimate(
     """One period; see `Forces.update`."""
     z = w.known
     w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, w.goal, w.goal, c.model, w.flow)
+    dynamics.premium_inverse_dynamics(q, w.goal, w.goal, c.model, w.flow)
     for j in range(3):
         z[j], z[3 + j], z[6 + j], z[9 + j] = q[j], v[j], sent[j] - past[6 + j], w.flow[j]
         w.rub[j] = 0.0

@@ -20,7 +20,7 @@ from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.signals.device import FloatArray
 
-NAMES = (
+NETWORK_COLUMNS = (
     *(f"force_{axis}" for axis in "xyz"),
     *(f"torque{j}" for j in (1, 2, 3)),
     *(f"friction{j}" for j in (1, 2, 3)),
@@ -151,7 +151,7 @@ class NetworkConfig:
     learn_until: float = float("inf")
     touch: float = 0.3
     network: WaveletConfig = WaveletConfig()
-    lengths: tuple[float, float] = dynamics.LENGTHS
+    lengths: tuple[float, float] = dynamics.LINK_LENGTHS
 
     def __post_init__(self) -> None:
         if len(self.model) != 8 or self.corner_hz <= 0.0 or self.touch <= 0.0:
@@ -197,13 +197,13 @@ def _estimate(
         w.flow,
         w.r,
     )
-    wavelets.predict(v, n, m, psi, w.rub, w.seen)
+    wavelets.predict_network(v, n, m, psi, w.rub, w.seen)
     if free:
         for j in range(3):
             w.goal[j] = -w.r[j]
-        wavelets.learn(w.goal, w.seen, n, m)
-        if m.size > wavelets.HEAD:
-            wavelets.adapt(v, n, m)
+        wavelets.learn_weights(w.goal, w.seen, n, m)
+        if m.size > wavelets.HEAD_NUMBERS:
+            wavelets.adapt_structure(v, n, m)
     dynamics.jacobian(q, c.lengths, w.jacobian)
     for j in range(3):
         w.r[j] += w.seen[j]
@@ -216,7 +216,7 @@ def _estimate(
 def count(m: Any) -> float:
     """Wavelets in use."""
     used = 0.0
-    for at in range(wavelets.HEAD, m.size, wavelets.NODE):
+    for at in range(wavelets.HEAD_NUMBERS, m.size, wavelets.NODE):
         used += m[at] != wavelets.NONE
     return used
 
@@ -257,11 +257,11 @@ class NetworkForces:
         Of the loop [s].
     """
 
-    names, units, force, message = NAMES, _UNITS, 0, "FrictionNetworkEstimate"
+    names, units, force, message = NETWORK_COLUMNS, _UNITS, 0, "FrictionNetworkEstimate"
 
     def __init__(self, config: NetworkConfig, period: float) -> None:
         self.corner_hz = config.corner_hz
-        self.memory = _FIRST + wavelets.size(config.network.nodes)
+        self.memory = _FIRST + wavelets.memory_size(config.network.nodes)
         gain = 2 * np.pi * config.corner_hz
         self._c, self._w = np.zeros(1, _KNOWN)[0], np.zeros(1, _WORK)[0]
         self._c["model"], self._c["lengths"] = config.model, config.lengths

@@ -27,7 +27,7 @@ from hil.controllers.estimators import network, wavelets
 from hil.controllers.estimators.network import WaveletConfig
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
-from hil.estimate.elastic_ukf import RECORD, N, UkfConfig, correct, foresee
+from hil.estimate.elastic_ukf import UKF_DTYPE, N, UkfConfig, correct, foresee
 from hil.signals.device import FloatArray
 
 _EACH = (
@@ -38,7 +38,7 @@ _EACH = (
     "coulomb_link",
     "viscous_link",
 )
-NAMES = (
+TRANSMISSION_COLUMNS = (
     *(f"force_{axis}" for axis in "xyz"),
     *(
         f"{what}{j}"
@@ -110,7 +110,7 @@ class TransmissionConfig:
     learn_until: float = float("inf")
     touch: float = 0.3
     network: WaveletConfig = field(default_factory=lambda: WaveletConfig(nodes=0))
-    lengths: tuple[float, float] = dynamics.LENGTHS
+    lengths: tuple[float, float] = dynamics.LINK_LENGTHS
 
     def __post_init__(self) -> None:
         if len(self.model) != 8 or len(self.start) not in (6, 18):
@@ -143,11 +143,11 @@ STEPS_A_TICK = 4
 def links(q: Any, c: Any, w: Any) -> None:
     """L(q) = M - diag(Jm) into w.matrix (3, 3) [kg m^2]; joint 1 stands alone (M12 = M13 = 0)."""
     w.goal[:] = 0.0
-    dynamics.inverse_dynamics(q, w.goal, w.goal, c.model, w.flow)
+    dynamics.premium_inverse_dynamics(q, w.goal, w.goal, c.model, w.flow)
     for k in range(3):
         w.room[:] = 0.0
         w.room[k] = 1.0
-        dynamics.inverse_dynamics(q, w.goal, w.room, c.model, w.seen)
+        dynamics.premium_inverse_dynamics(q, w.goal, w.room, c.model, w.seen)
         for j in range(3):
             w.matrix[j, k] = w.seen[j] - w.flow[j]
     for j in range(3):
@@ -166,7 +166,7 @@ def loads(m: Any, q: Any, c: Any, w: Any) -> None:
     links(q, c, w)
     for j in range(3):
         w.speed[j], w.goal[j] = m[_EACH_JOINT * j + 3], 0.0
-    dynamics.inverse_dynamics(q, w.speed, w.goal, c.model, w.flow)
+    dynamics.premium_inverse_dynamics(q, w.speed, w.goal, c.model, w.flow)
     for j in range(3):
         x = m[_EACH_JOINT * j : _EACH_JOINT * j + N]
         stretch = x[0] - x[2]
@@ -248,14 +248,14 @@ def unexplained(phase: int, c: Any, w: Any, now: Any) -> None:
 @nb.njit(cache=True, nogil=True)
 def rub(free: bool, n: Any, nets: Any, psi: Any, w: Any, now: Any) -> None:
     """Friction by the networks into w.rub (3,) [N m]; while the arm is free, they learn."""
-    wavelets.predict(w.speed, n, nets, psi, w.rub, w.seen)
+    wavelets.predict_network(w.speed, n, nets, psi, w.rub, w.seen)
     for j in range(3):
         now[_FILTERS + j] = w.rub[j]
         # what is left is learnt on top of what is known
         w.goal[j] = w.seen[j] - w.r[j]
-    if free and nets.size > wavelets.HEAD:
-        wavelets.learn(w.goal, w.seen, n, nets)
-        wavelets.adapt(w.speed, n, nets)
+    if free and nets.size > wavelets.HEAD_NUMBERS:
+        wavelets.learn_weights(w.goal, w.seen, n, nets)
+        wavelets.adapt_structure(w.speed, n, nets)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -293,7 +293,7 @@ def _estimate(
     out[_NAMED - 2], out[_NAMED - 1] = free, network.count(nets)
 
 
-_NAMED = len(NAMES)
+_NAMED = len(TRANSMISSION_COLUMNS)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -362,11 +362,11 @@ class Transmission:
         Of the loop [s].
     """
 
-    names, units, force, message = NAMES, _UNITS, 0, "TransmissionEstimate"
+    names, units, force, message = TRANSMISSION_COLUMNS, _UNITS, 0, "TransmissionEstimate"
 
     def __init__(self, config: TransmissionConfig, period: float) -> None:
         self.corner_hz, joints = config.corner_hz, config.joints()
-        self.memory = _FIRST + wavelets.size(config.network.nodes)
+        self.memory = _FIRST + wavelets.memory_size(config.network.nodes)
         self._c, self._w = np.zeros(1, _KNOWN)[0], np.zeros(1, _WORK)[0]
         for name in ("model", "lengths", "rotor", "soft", "touch"):
             self._c[name] = getattr(config, name)
@@ -377,7 +377,7 @@ class Transmission:
         self._c["period"], self._c["share"] = period, gain / (1 + gain)
         self._n = config.network.record(gain / (1 + gain), period)
         self._psi = np.zeros(6 + config.network.nodes)
-        self._f = np.zeros(3, RECORD)
+        self._f = np.zeros(3, UKF_DTYPE)
         for record, one in zip(self._f, joints, strict=True):
             record["noise"], record["w"] = one.variances(), one.weights()
             record["variance"] = one.resolution**2 / 12

@@ -20,13 +20,13 @@ import numba as nb
 NODE, NONE = 10, -100.0
 #: Numbers before the nodes: weights fc, fv of the joints (6), their filtered columns (6), what
 #: was removed, counter.
-HEAD = 14
+HEAD_NUMBERS = 14
 _UNIT = 1.0 / sqrt(pi**1.5 * 15.0 / 4.0)
 
 
-def size(budget: int) -> int:
+def memory_size(budget: int) -> int:
     """Memory of networks with at most so many nodes."""
-    return HEAD + NODE * budget
+    return HEAD_NUMBERS + NODE * budget
 
 
 @nb.njit(cache=True, nogil=True)
@@ -40,12 +40,12 @@ def hat(x0: float, x1: float, x2: float) -> float:
 def clear(past: Any) -> None:
     """Forget everything."""
     past[:] = 0.0
-    for at in range(HEAD, past.size, NODE):
+    for at in range(HEAD_NUMBERS, past.size, NODE):
         past[at] = NONE
 
 
 @nb.njit(cache=True, nogil=True)
-def predict(v: Any, c: Any, m: Any, psi: Any, now: Any, seen: Any) -> None:
+def predict_network(v: Any, c: Any, m: Any, psi: Any, now: Any, seen: Any) -> None:
     """Friction `now` (3,) [N m] at speeds v (3,), and `seen` (3,): through the low-pass.
 
     Advances the filtered columns in the memory m; psi (6 + nodes,) holds the columns.
@@ -60,8 +60,8 @@ def predict(v: Any, c: Any, m: Any, psi: Any, now: Any, seen: Any) -> None:
         for e in (2 * j, 2 * j + 1):
             m[6 + e] += c.share * (psi[e] - m[6 + e])
             seen[j] += m[e] * m[6 + e]
-    for i in range((m.size - HEAD) // NODE):
-        at = HEAD + NODE * i
+    for i in range((m.size - HEAD_NUMBERS) // NODE):
+        at = HEAD_NUMBERS + NODE * i
         if m[at] == NONE:
             continue
         zoom = 2.0 ** m[at]
@@ -84,7 +84,7 @@ def predict(v: Any, c: Any, m: Any, psi: Any, now: Any, seen: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def learn(target: Any, seen: Any, c: Any, m: Any) -> None:
+def learn_weights(target: Any, seen: Any, c: Any, m: Any) -> None:
     """Lyapunov law with dead zone on the filtered columns phi, for every joint.
 
     e_D = e - clip(e, -d, d),  c += gain phi e_D / (floor + phi^T phi):  |c* - c|^2 never increases
@@ -96,7 +96,7 @@ def learn(target: Any, seen: Any, c: Any, m: Any) -> None:
         Friction and its prediction, both through the low-pass [N m].
     """
     zone, energy = c.zone + m[12], c.floor
-    for at in range(HEAD, m.size, NODE):
+    for at in range(HEAD_NUMBERS, m.size, NODE):
         if m[at] != NONE:
             energy += m[at + 6] * m[at + 6]
     for j in range(3):
@@ -106,7 +106,7 @@ def learn(target: Any, seen: Any, c: Any, m: Any) -> None:
         e *= c.gain / (energy + own)
         m[2 * j] += e * m[6 + 2 * j]
         m[2 * j + 1] += e * m[7 + 2 * j]
-        for at in range(HEAD, m.size, NODE):
+        for at in range(HEAD_NUMBERS, m.size, NODE):
             if m[at] != NONE:
                 m[at + 7 + j] += e * m[at + 6]
 
@@ -119,7 +119,7 @@ def activity(m: Any, at: int) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def adapt(v: Any, c: Any, m: Any) -> None:
+def adapt_structure(v: Any, c: Any, m: Any) -> None:
     """Structure after Sanner & Slotine: a node where the motion is and its parent matters; out
     what does not matter.  At most one node comes and one goes per call.
     """
@@ -131,7 +131,7 @@ def adapt(v: Any, c: Any, m: Any) -> None:
             round(zoom * v[1] / c.scale[1]),
             round(zoom * v[2] / c.scale[2]),
         )
-        for at in range(HEAD, m.size, NODE):
+        for at in range(HEAD_NUMBERS, m.size, NODE):
             if m[at] == NONE:
                 free = at
             elif m[at] == level and m[at + 1] == k0 and m[at + 2] == k1 and m[at + 3] == k2:
@@ -145,7 +145,7 @@ def adapt(v: Any, c: Any, m: Any) -> None:
             going = m[found + 5] > c.dwell and activity(m, found) > c.add
         level += 1.0
     m[13] += 1.0
-    at = HEAD + NODE * (int(m[13]) % ((m.size - HEAD) // NODE))
+    at = HEAD_NUMBERS + NODE * (int(m[13]) % ((m.size - HEAD_NUMBERS) // NODE))
     if m[at] > c.coarsest and m[at + 5] > c.dwell and activity(m, at) < c.remove:
         m[12] = min(m[12] + activity(m, at), c.zone)
         m[at] = NONE

@@ -233,7 +233,7 @@ class CanLink:
 
     def send(self, identifier: int, data: bytes = b"") -> None:
         """Put one frame out, see `post`."""
-        self.post(frame(identifier, data))
+        self.post(can_frame(identifier, data))
 
     def post(self, message: can.Message) -> None:
         """Put one frame out; a refusal is kept in `trouble`, and the answer will be missed."""
@@ -288,7 +288,7 @@ class CanLink:
                 del _OPEN[key]
 
 
-def frame(identifier: int, data: bytes = b"") -> can.Message:
+def can_frame(identifier: int, data: bytes = b"") -> can.Message:
     """A frame with an identifier of 11 bits; may be sent any number of times."""
     return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
 
@@ -297,7 +297,7 @@ def frame(identifier: int, data: bytes = b"") -> can.Message:
 _OPEN: dict[tuple[str, str], CanLink] = {}
 
 
-def shared(bus: Bus, interface: str, channel: str, bit_rate: int) -> CanLink:
+def shared_link(bus: Bus, interface: str, channel: str, bit_rate: int) -> CanLink:
     """The link of a channel, opened by the first box on it and closed by the last.
 
     Parameters

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.drivers.links.can import CanLink, frame
+from hil.drivers.links.can import CanLink, can_frame
 from hil.errors import DeviceError, DeviceTimeoutError
 from hil.signals.device import IntArray, Status
 
@@ -61,7 +61,7 @@ class PolledGauges:
         self.gauges: IntArray = np.zeros(6, np.int64)
         self.unusable, self.trouble = False, ""
         self.timeouts = self.halves = self.malformed = 0
-        self._link, self._request, self._patience = link, frame(*request), patience
+        self._link, self._request, self._patience = link, can_frame(*request), patience
         self._pending: IntArray = np.zeros(6, np.int64)
         self._got = 0
         self._asked_ns: int | None = None

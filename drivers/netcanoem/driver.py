@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.drivers.links.can import CanLink, can_channels, shared, split_address
+from hil.drivers.links.can import CanLink, can_channels, shared_link, split_address
 from hil.drivers.links.polled import Patience, PolledGauges
 from hil.drivers.netcanoem import codec
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError, unknown
@@ -372,7 +372,7 @@ def open_box(
     if any(channels):
         raise ConfigError(f"box {name!r}: a sensor has the channel 0 alone, not {max(channels)}.")
     channel, base = split_address(name, address, config.base)
-    link = shared(bus, config.interface, channel, config.bit_rate)
+    link = shared_link(bus, config.interface, channel, config.bit_rate)
     return NetCanOem(name, link, replace(config, base=base))
 
 

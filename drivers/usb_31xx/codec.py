@@ -13,7 +13,7 @@ from hil.errors import DeviceError
 VENDOR = 0x09DB
 #: Model -> product id, channels.  The models with current outputs (3102, 3104, 3106) are left
 #: out: their range code is another.
-MODELS = {
+DAC_MODELS = {
     "usb-3101": (0x009A, 4),
     "usb-3103": (0x009C, 8),
     "usb-3105": (0x009E, 16),
@@ -54,7 +54,7 @@ def calibration_address(channel: int) -> int:
     return FLASH_BIPOLAR + FLASH_STEP * channel
 
 
-def calibration(data: bytes, where: str) -> tuple[float, float]:
+def decode_calibration(data: bytes, where: str) -> tuple[float, float]:
     """Slope and offset [codes] of a channel.
 
     Raises
@@ -71,7 +71,7 @@ def calibration(data: bytes, where: str) -> tuple[float, float]:
     return slope, offset
 
 
-def converter(code: int, slope: float, offset: float) -> int:
+def dac_code(code: int, slope: float, offset: float) -> int:
     """Converter value for a signed code -32768..32767, in which 32768 stands for 10 V.
 
     Clamped before and after the calibration, in floating point: an integer would wrap.

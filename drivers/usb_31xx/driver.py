@@ -34,7 +34,7 @@ class Usb31xxConfig:
     Parameters
     ----------
     model : str
-        Of `codec.MODELS`.
+        Of `codec.DAC_MODELS`.
     staged : bool
         All channels change at once: they are staged and then updated by a further report.
     heartbeat_bit : int
@@ -54,8 +54,8 @@ class Usb31xxConfig:
 
     def __post_init__(self) -> None:
         check_route(self.route)
-        if self.model not in codec.MODELS:
-            raise ConfigError(unknown("model", self.model, codec.MODELS))
+        if self.model not in codec.DAC_MODELS:
+            raise ConfigError(unknown("model", self.model, codec.DAC_MODELS))
         if not 0 <= self.heartbeat_bit <= 7:
             raise ConfigError(f"heartbeat_bit = {self.heartbeat_bit}: 0 to 7 is needed.")
         if self.heartbeat_ms != 0 and not 2.0 <= self.heartbeat_ms <= SLOWEST_BEAT_MS:
@@ -68,7 +68,7 @@ class Usb31xxConfig:
     @property
     def available(self) -> int:
         """Channels that the box has, from 0 on."""
-        return codec.MODELS[self.model][1]
+        return codec.DAC_MODELS[self.model][1]
 
     def reports(self, channels: int) -> int:
         """Reports per update of so many channels."""
@@ -118,7 +118,7 @@ def enumerated(bus: Bus, product: int) -> list[dict[str, Any]]:
 def attached(bus: Bus) -> list[Attached]:
     """Boxes of the family on the bus, whether they can be opened or not."""
     found = []
-    for model, (product, channels) in codec.MODELS.items():
+    for model, (product, channels) in codec.DAC_MODELS.items():
         for row in enumerated(bus, product):
             what, serial = f"{model}, {channels} outputs", str(row["serial_number"] or "")
             handle = module(bus).device()
@@ -263,7 +263,7 @@ class Usb31xx:
     def __init__(
         self, name: str, bus: Bus, serial: str, config: Usb31xxConfig, channels: tuple[int, ...]
     ) -> None:
-        product, available = codec.MODELS[config.model]
+        product, available = codec.DAC_MODELS[config.model]
         if any(c >= available for c in channels):
             raise ConfigError(
                 f"box {name!r}: {config.model} has the channels 0 to {available - 1}, not "
@@ -295,7 +295,7 @@ class Usb31xx:
         for channel in self.channels:
             link.say(codec.aout_config(channel))
         self._cal = {
-            c: codec.calibration(
+            c: codec.decode_calibration(
                 link.query(codec.memory_read(codec.calibration_address(c), 8), codec.FLASH_BYTES),
                 f"box {self.name!r}, channel {c}",
             )
@@ -317,7 +317,7 @@ class Usb31xx:
         self._queue.clear()
         for channel in self.channels:
             self._wanted[channel] = 0
-            value = codec.converter(0, *self._cal[channel])
+            value = codec.dac_code(0, *self._cal[channel])
             self._link.say(codec.aout(channel, value, codec.NOW))
             self._sent[channel] = value
 
@@ -396,7 +396,7 @@ class Usb31xx:
         sent, changed = self._sent, []
         for c in dirty:
             slope, offset = self._cal[c]
-            value = codec.converter(self._wanted[c], slope, offset)
+            value = codec.dac_code(self._wanted[c], slope, offset)
             if value != sent[c]:
                 sent[c] = value
                 changed.append(c)

@@ -15,7 +15,7 @@ from hil.errors import ConfigError, DeviceError
 
 VENDOR, LOADER, PRODUCT = 0x09DB, 0x0470, 0x00CA
 STREAM = 0x82  # bulk IN endpoint
-OUT, IN = 0x40, 0xC0  # vendor request, device recipient
+VENDOR_OUT, VENDOR_IN = 0x40, 0xC0  # vendor request, device recipient
 
 # vendor requests
 RAM, VERSION, FPGA_STATE, FPGA_DATA, REGISTER, ENDPOINT = 0xA0, 0xB0, 0xB2, 0xB3, 0xB4, 0xBB
@@ -45,7 +45,7 @@ DISARM = (
 #: What the initialisation writes for the five converters that the board might have: it is done
 #: twice, and their enable words are known the second time.
 DAC_WORDS = ((0, 0, 0, 0, 0), (0x20, 0x30, 0x40, 0x50, 0x60))
-ARM = ((DMA, 0x0011), (ACQUIRE, 0x0071), (ACQUIRE, 0x0011))
+ARM_SEQUENCE = ((DMA, 0x0011), (ACQUIRE, 0x0071), (ACQUIRE, 0x0011))
 RUN, STOPPED, RESET_LIST, NORMAL_PACER, RESET_RESULTS = 0x0031, 0x0000, 0x0004, 0x0060, 0x0003
 BEFORE_LIST_ENDS = ((ACQUIRE, 0x0054), (ACQUIRE, 0x0040), (VARIABLE_RATE, 0))
 #: (status & READY_MASK) == READY before the pacer may run.
@@ -151,7 +151,7 @@ def words16(value: int, n: int) -> list[int]:
     return [value >> 16 * k & 0xFFFF for k in range(n)]
 
 
-def number(data: bytes) -> int:
+def channel_number(data: bytes) -> int:
     """Little-endian unsigned number of a reply."""
     return int.from_bytes(data, "little")
 

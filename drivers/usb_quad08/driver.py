@@ -127,7 +127,9 @@ class ScanClock:
         return min(wanted, newest)
 
 
-def configure(link: UsbLink, channel: int, config: Quad08Config, asynchronous: bool) -> None:
+def configure_counter(
+    link: UsbLink, channel: int, config: Quad08Config, asynchronous: bool
+) -> None:
     """Set a counter's debouncing and mode, which zeroes it; no limit."""
     byte = codec.debounce_byte(config.debounce_us)
     mode = codec.mode_word(config.edges, config.index, asynchronous)
@@ -145,7 +147,7 @@ def configure(link: UsbLink, channel: int, config: Quad08Config, asynchronous: b
         link.write_all(((codec.BANK, bank + channel), (codec.MODE, word)))
 
 
-def arm(link: UsbLink, words: list[int], divisor: int) -> None:
+def start_scan(link: UsbLink, words: list[int], divisor: int) -> None:
     """Start a scan: scan list (twice over), pacer, endpoint, sequencer, then the pacer runs.
 
     Raises
@@ -163,7 +165,7 @@ def arm(link: UsbLink, words: list[int], divisor: int) -> None:
     link.write(codec.ACQUIRE, codec.RESET_RESULTS)
     link.out(codec.ENDPOINT, 1, 2)
     link.device.clear_halt(codec.STREAM)
-    link.write_all(codec.ARM)
+    link.write_all(codec.ARM_SEQUENCE)
     for _ in range(100):
         status = link.read(codec.ACQUIRE)
         found = codec.faults(status)
@@ -249,8 +251,8 @@ class Quad08:
         self._clock, self._age_ms = ScanClock(period, filling), 2e-6 * filling
         self._most = 1.0 + self.config.fastest * period * 1e-9
         for channel in self.channels:
-            configure(self._link, channel, self.config, asynchronous=False)
-        arm(self._link, codec.scan_list(self.channels, self._words), divisor)
+            configure_counter(self._link, channel, self.config, asynchronous=False)
+        start_scan(self._link, codec.scan_list(self.channels, self._words), divisor)
         self._checked_ns = self._bus.now_ns()
         self._stop = self._bus.run(self.name, self._pump)
         for _ in range(round(_FIRST_DATA_S / _STEP_S)):

@@ -46,7 +46,7 @@ _ADVICE = {
 }
 
 
-def find(backend: Any, product: int, serial: str) -> list[Any]:
+def find_devices(backend: Any, product: int, serial: str) -> list[Any]:
     """Attached devices of one product id, with that serial number if it is not empty.
 
     Raises
@@ -81,10 +81,10 @@ def serial_of(device: Any) -> str:
 def attached(bus: Bus) -> list[Attached]:
     """Boxes on the bus, with and without firmware, readable or not."""
     found = []
-    for device in find(bus.handle, codec.LOADER, ""):
+    for device in find_devices(bus.handle, codec.LOADER, ""):
         what = "USB-QUAD08 without firmware; give images = FOLDER, see docs/hardware.md"
         found.append(Attached("", f"{what} (bus {device.bus})", False))
-    for device in find(bus.handle, codec.PRODUCT, ""):
+    for device in find_devices(bus.handle, codec.PRODUCT, ""):
         try:
             serial = str(device.serial_number)
         except (usb.core.USBError, ValueError) as error:
@@ -103,7 +103,7 @@ class UsbLink:
     name : str
         Name of the box for messages.
     device : usb.core.Device
-        From `find`.
+        From `find_devices`.
     """
 
     def __init__(self, name: str, device: Any) -> None:
@@ -113,7 +113,9 @@ class UsbLink:
     def out(self, request: int, value: int = 0, index: int = 0, data: bytes = b"") -> None:
         """Vendor request to the device."""
         try:
-            sent = self.device.ctrl_transfer(codec.OUT, request, value, index, data, TIMEOUT_MS)
+            sent = self.device.ctrl_transfer(
+                codec.VENDOR_OUT, request, value, index, data, TIMEOUT_MS
+            )
         except usb.core.USBError as error:
             raise self.trouble(error) from error
         if sent != len(data):
@@ -122,7 +124,9 @@ class UsbLink:
     def ask(self, request: int, length: int, index: int = 0) -> int:
         """Vendor request from the device: a little-endian number of `length` bytes."""
         try:
-            reply = self.device.ctrl_transfer(codec.IN, request, 0, index, length, TIMEOUT_MS)
+            reply = self.device.ctrl_transfer(
+                codec.VENDOR_IN, request, 0, index, length, TIMEOUT_MS
+            )
         except usb.core.USBError as error:
             raise self.trouble(error) from error
         if len(reply) != length:
@@ -130,7 +134,7 @@ class UsbLink:
                 f"box {self.name!r}: request 0x{request:02x} was answered with {len(reply)} "
                 f"bytes instead of {length}; plug it in again."
             )
-        return codec.number(bytes(reply))
+        return codec.channel_number(bytes(reply))
 
     def write(self, register: int, value: int) -> None:
         """Write a register of the FPGA."""
@@ -193,9 +197,9 @@ def open_link(
     DeviceError
         If none is attached, or it cannot be started; says what to do.
     """
-    found = find(backend, codec.PRODUCT, serial)
+    found = find_devices(backend, codec.PRODUCT, serial)
     if not found:
-        cold = find(backend, codec.LOADER, "")
+        cold = find_devices(backend, codec.LOADER, "")
         if not cold:
             what = f" with serial number {serial}" if serial else ""
             raise DeviceError(
@@ -273,7 +277,7 @@ def _write(link: UsbLink, records: list[tuple[int, bytes]]) -> None:
 def _come_back(name: str, backend: Any, serial: str, pause: Callable[[float], None]) -> list[Any]:
     for _ in range(round(_COMEBACK_S / _STEP_S)):
         pause(_STEP_S)
-        found = find(backend, codec.PRODUCT, serial)
+        found = find_devices(backend, codec.PRODUCT, serial)
         if found:
             return found
     raise DeviceError(

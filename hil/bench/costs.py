@@ -12,7 +12,7 @@ import numpy as np
 from hil import registry, terminal
 from hil.errors import ConfigError
 from hil.estimate.elastic_ukf import ElasticUkf, N, UkfConfig
-from hil.experiments.elastic_transmission import PERIOD, FloatArray, TwoMassPlant, record
+from hil.experiments.elastic_transmission import PERIOD, FloatArray, TwoMassPlant, record_arm
 from hil.teleop import optimise
 from hil.teleop.architecture import Realisation
 from hil.teleop.force_sensor_free import conditioning
@@ -55,7 +55,7 @@ def _rates(x: FloatArray, u: float, c: UkfConfig) -> FloatArray:
     return np.array([x[1], motor, x[3], link, 0, 0, 0, 0, 0, 0])
 
 
-def reference(config: UkfConfig, position: float) -> Any:
+def reference_cost(config: UkfConfig, position: float) -> Any:
     """Build the same filter with filterpy.
 
     Raises
@@ -85,9 +85,9 @@ def reference(config: UkfConfig, position: float) -> Any:
     return ukf
 
 
-def measure(steps: int = 2000) -> FilterFigures:
+def measure_cost(steps: int = 2000) -> FilterFigures:
     """Time both and compare them on the same record."""
-    config, run = UkfConfig(), record(TwoMassPlant(), 20.0, 1)
+    config, run = UkfConfig(), record_arm(TwoMassPlant(), 20.0, 1)
     mine = ElasticUkf(config)
     mine.run(run.y[:10], run.u[:10], PERIOD)
     times = []
@@ -96,7 +96,7 @@ def measure(steps: int = 2000) -> FilterFigures:
         start = time.perf_counter()
         fresh.run(run.y, run.u, PERIOD)
         times.append((time.perf_counter() - start) / run.y.size)
-    mine, theirs, slow, worst = ElasticUkf(config), reference(config, 0.0), [], 0.0
+    mine, theirs, slow, worst = ElasticUkf(config), reference_cost(config, 0.0), [], 0.0
     for k in range(steps):
         mine.step(float(run.y[k]), float(run.u[k]), PERIOD)
         start = time.perf_counter()
@@ -143,7 +143,7 @@ def _in_the_loop(ticks: int = 4000) -> dict[str, float]:
 
 def ukf(args: argparse.Namespace) -> Found:
     """Compiled elastic-transmission filter against filterpy."""
-    f = measure()
+    f = measure_cost()
     rows = [["compiled", f"{f.compiled_us:.2f}"], ["filterpy", f"{f.reference_us:.0f}"]]
     text = terminal.table(["filter of ten states", "us a step"], rows)
     text += f"\n  largest difference over {f.steps} steps: {f.worst:.1e} standard deviations\n\n"

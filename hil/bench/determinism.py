@@ -48,7 +48,7 @@ class Same:
     difference: Difference | None
 
 
-def compare(pythons: Sequence[str], seconds: float, seed: int = 1) -> list[Same]:
+def compare_interpreters(pythons: Sequence[str], seconds: float, seed: int = 1) -> list[Same]:
     """Run every rig on every interpreter; the first of `pythons` is what the others are held to.
 
     Raises
@@ -129,7 +129,7 @@ def page(found: Sequence[Same], command: str) -> str:
 def command(args: argparse.Namespace) -> Found:
     """Lockstep sessions by several Pythons: the same bytes, or the first difference."""
     terminal.check_page(args.report)
-    found = compare([sys.executable, *args.python], args.seconds)
+    found = compare_interpreters([sys.executable, *args.python], args.seconds)
     others = " --python PYTHON" * len(args.python)
     terminal.write_page(
         args.report,

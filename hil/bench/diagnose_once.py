@@ -19,7 +19,7 @@ from hil.report.html import diagnosis_report
 from hil.revision import peak
 
 
-def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:
+def _once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Diagnosis]:
     """Load, fit, rank all candidates, test held out; the report says where the model fails."""
     start, clock = time.process_time(), time.perf_counter()
     run = load(train)
@@ -32,7 +32,7 @@ def once(report: str, train: str, holdout: list[str]) -> tuple[float, float, Dia
 def main(words: list[str]) -> None:
     """Run and print."""
     repeats, report, train, *holdout = words
-    runs = [once(report, train, holdout) for _ in range(1 + int(repeats))]
+    runs = [_once(report, train, holdout) for _ in range(1 + int(repeats))]
     seconds, wall, (*_, d) = zip(*runs[-max(int(repeats), 1) :], strict=True)
     names = [f"{f.effect} on {f.joint}" for f in d.findings]
     ratio = (d.ladder[-1].heldout.rms / d.noise).tolist()

@@ -38,7 +38,7 @@ from hil.rigs import rig_path
 from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
-N, _HZ = 2000, 500.0
+N_SAMPLES, _HZ = 2000, 500.0
 #: Joints of the motion, in the order of the robot.
 _JOINTS = ("shoulder", "elbow")
 
@@ -89,9 +89,9 @@ class DoorRow:
     source: bool = True
 
 
-def motion() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def door_motion() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Time (n,) [s], positions, speeds and efforts (n, 2)."""
-    t = np.arange(N) / _HZ
+    t = np.arange(N_SAMPLES) / _HZ
     w = 2 * np.pi * np.array([0.7, 1.1])
     q, qd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w))
     return t, q, qd, 2.0 * q + 0.3 * qd
@@ -123,7 +123,7 @@ _URDF = "".join(
 
 def columns(deg: bool = False) -> dict[str, FloatArray]:
     """The motion as columns of a table."""
-    t, q, qd, tau = motion()
+    t, q, qd, tau = door_motion()
     f = 180.0 / np.pi if deg else 1.0
     out = {"t": t}
     for stem, x in (("q", f * q), ("qd", f * qd), ("tau", tau)):
@@ -253,9 +253,9 @@ def _lerobot(folder: Path) -> list[str]:
     place.mkdir(parents=True)
     (folder / "set" / "meta").mkdir()
     (folder / "set" / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v3.0"}))
-    t, q, _, tau = motion()
+    t, q, _, tau = door_motion()
     told = {"observation.state": q.tolist(), "observation.effort": tau.tolist(), "timestamp": t}
-    table = pa.table({**told, "episode_index": np.zeros(N, int)})
+    table = pa.table({**told, "episode_index": np.zeros(N_SAMPLES, int)})
     parquet.write_table(table, place / "file-000.parquet")
     return ["set"]
 
@@ -264,7 +264,7 @@ def _log(map_name: str, *heads: str) -> Callable[[Path], list[str]]:
     """Log of a known program: heads of time (with its factor), positions, speeds, efforts."""
 
     def make(folder: Path) -> list[str]:
-        t, q, qd, tau = motion()
+        t, q, qd, tau = door_motion()
         time_head, _, factor = heads[0].partition("*")
         data = {time_head: t * float(factor or 1.0)}
         for head, x in zip(heads[1:], (q, qd, tau), strict=True):
@@ -308,13 +308,13 @@ def _written(folder: Path, kind: str) -> str:
             "std_msgs/msg/String",
         )
     )
-    t, q, qd, tau = motion()
+    t, q, qd, tau = door_motion()
     start, names, more = 1_700_000_000_000_000_000, list(_JOINTS[::-1]), {"seq": 0} if first else {}
     with writer:
         joints = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
         robot = writer.add_connection("/robot_description", string.__msgtype__, typestore=store)
         writer.write(robot, start, pack(string(_URDF), string.__msgtype__))
-        for k in range(N):
+        for k in range(N_SAMPLES):
             ns = start + round(t[k] * 1e9)
             head = header(stamp=stamp(ns // 10**9, ns % 10**9), frame_id="", **more)
             rows = (x[k, ::-1].copy() for x in (q, qd, tau))
@@ -331,7 +331,7 @@ def _frame(library: str) -> Callable[[Path], Any]:
 
 
 def _arrays(folder: Path) -> Any:
-    t, q, qd, tau = motion()
+    t, q, qd, tau = door_motion()
     return hil.from_arrays(t, q, tau, qd=qd)
 
 
@@ -415,7 +415,7 @@ def _model(folder: Path, *uses: Use) -> None:
     valid = tuple(Range(j, (-1.0, 1.0), (-7.0, 7.0), (-9.0, 9.0)) for j in _JOINTS)
     model = RobotModel(source, (Use("rigid-body"), *friction, *uses), valid=valid)
     write_model(model, folder / "m.toml")
-    t = np.arange(N) / _HZ
+    t = np.arange(N_SAMPLES) / _HZ
     w = 2 * np.pi * np.array([[0.35, 0.9, 1.7], [0.5, 1.1, 2.3]])
     size = np.array([0.5, 0.25, 0.1])
     q, qd, qdd = (
@@ -544,7 +544,7 @@ def _through(door: Door, folder: Path) -> DoorRow:
 
 def _compared(name: str, typed: str, seconds: float, run: Any) -> DoorRow:
     """A recording beside the motion that was written."""
-    t, q, qd, tau = motion()
+    t, q, qd, tau = door_motion()
     size = (run.n, run.d) == q.shape
     pairs = [(run.q, q), (run.tau, tau), *([] if run.qd is None else [(run.qd, qd)])]
     far = max((float(np.abs(a - b).max()) for a, b in pairs), default=0.0) if size else float("inf")
@@ -591,7 +591,7 @@ def _shown(words: list[str]) -> str:
 _HEAD = ("source", "typed", "s", "what came out", "right")
 
 
-def cells(rows: list[DoorRow]) -> list[list[str]]:
+def _cells(rows: list[DoorRow]) -> list[list[str]]:
     """Rows of the table."""
     marks = {True: "yes", False: "NO"}
     out = []
@@ -605,7 +605,7 @@ def cells(rows: list[DoorRow]) -> list[list[str]]:
 def page(rows: list[DoorRow], command: str) -> str:
     """Page for the documentation."""
     into, others = ([r for r in rows if r.source is way] for way in (True, False))
-    marks = [row[-1] for row in cells(into)]
+    marks = [row[-1] for row in _cells(into)]
     compared = marks.count("yes") + marks.count("NO")
     lines = [
         "# Doors: what comes in, and how",
@@ -634,7 +634,7 @@ def page(rows: list[DoorRow], command: str) -> str:
 
 def _table(rows: list[DoorRow]) -> list[str]:
     lines = ["| " + " | ".join(_HEAD) + " |", "|" + "---|" * len(_HEAD)]
-    for row in cells(rows):
+    for row in _cells(rows):
         row[1] = f"`{row[1]}`"
         lines.append("| " + " | ".join(x.replace("|", "\\|") for x in row) + " |")
     return lines
@@ -646,5 +646,5 @@ def command(args: argparse.Namespace) -> Found:
     with tqdm(total=steps(), unit="source", disable=not sys.stderr.isatty()) as bar:
         rows = list(study(bar.update))
     terminal.write_page(args.report, page(rows, "hil bench doors"))
-    text = terminal.table(list(_HEAD), cells(rows), (0, 1, 3, 4))
-    return text, {"doors": [terminal.finite(asdict(r)) for r in rows]}
+    text = terminal.table(list(_HEAD), _cells(rows), (0, 1, 3, 4))
+    return text, {"doors": [terminal.json_value(asdict(r)) for r in rows]}

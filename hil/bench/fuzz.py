@@ -32,7 +32,7 @@ from hil.errors import ConfigError, HilError, plural
 from hil.interrupt import held_back, with_its_parent
 
 #: Longest input [byte]; time for one input [s]; memory beyond what the program itself takes [byte].
-LONGEST, SLOW_S, _MEMORY = 2**20, 20.0, 2**31
+LONGEST_INPUT, SLOW_S, _MEMORY = 2**20, 20.0, 2**31
 #: Inputs that are kept to be mutated further.
 MOST_KEPT = 2000
 #: Every so often a worker says how far it is [s].
@@ -147,7 +147,7 @@ def mutated(data: bytes, others: Sequence[bytes], rng: random.Random) -> bytes:
     """An input with one to five changes; `others` give parts of theirs."""
     for _ in range(rng.choice((1, 1, 1, 2, 3, 5))):
         data = rng.choice(_CHANGES)(data, others, rng)
-    return data[:LONGEST]
+    return data[:LONGEST_INPUT]
 
 
 def _bit(data: bytes, others: Sequence[bytes], rng: random.Random) -> bytes:
@@ -195,7 +195,7 @@ def _spliced(data: bytes, others: Sequence[bytes], rng: random.Random) -> bytes:
 _CHANGES = (_bit, _bit, _word, _number, _number, _cut, _end, _again, _spliced)
 
 
-def tried(target: Target, data: bytes, folder: Path) -> str:
+def tried_input(target: Target, data: bytes, folder: Path) -> str:
     """Run one input; what is wrong, empty if it was taken or refused properly."""
     try:
         with (
@@ -215,7 +215,7 @@ def tried(target: Target, data: bytes, folder: Path) -> str:
     return ""
 
 
-def explore(
+def explore_target(
     target: Target, seconds: float, seed: int = 0, report: Callable[[Any], None] = lambda _: None
 ) -> Explored:
     """Mutate and run in this process; `report` gets every input before it runs, then the state."""
@@ -231,7 +231,7 @@ def explore(
             report(data)
             before = len(lines.seen)
             with lines.watch():
-                wrong = tried(target, data, Path(name))
+                wrong = tried_input(target, data, Path(name))
             took = _processor_s() - now
             wrong = wrong or (f"takes {took:.0f} s" if took > SLOW_S else "")
             if wrong and wrong.split(" s")[0] not in kinds:
@@ -262,7 +262,7 @@ def _chosen(kept: Sequence[bytes], rng: random.Random) -> bytes:
 # ------------------------------------------------------------ each target in a process
 
 
-def guarded(target: Target, seconds: float, seed: int = 0) -> Explored:
+def explore_guarded(target: Target, seconds: float, seed: int = 0) -> Explored:
     """Explore in a process; it is started again after a crash or a hang until the time is over."""
     total, lines = Explored(target.name), 0
     while (left := seconds - total.seconds) > 0:
@@ -281,7 +281,7 @@ def _one_process(target: Target, seconds: float, seed: int) -> Explored:
     context = multiprocessing.get_context("spawn")
     receive, send = context.Pipe(duplex=False)
     with tempfile.NamedTemporaryFile() as file:
-        file.truncate(LONGEST + 8)
+        file.truncate(LONGEST_INPUT + 8)
         with held_back():  # an interruption is for the process that waits here
             child = context.Process(target=_work, args=(send, file.name, target, seconds, seed))
             child.daemon = False  # it may start readers of its own
@@ -317,7 +317,7 @@ def _work(send: Connection, name: str, target: Target, seconds: float, seed: int
     """In the process: each input is written down before it runs, and what came of it told."""
     with_its_parent()
     _limit()
-    with open(name, "r+b") as file, mmap.mmap(file.fileno(), LONGEST + 8) as page:
+    with open(name, "r+b") as file, mmap.mmap(file.fileno(), LONGEST_INPUT + 8) as page:
         told = time.monotonic() - _REPORT_S
 
         def report(what: bytes | Explored) -> None:
@@ -328,7 +328,7 @@ def _work(send: Connection, name: str, target: Target, seconds: float, seed: int
                 told = time.monotonic()
                 send.send(what)
 
-        send.send(explore(target, seconds, seed, report))
+        send.send(explore_target(target, seconds, seed, report))
 
 
 def _limit() -> None:
@@ -342,7 +342,7 @@ def _limit() -> None:
 
 # ------------------------------------------------------------ what is said
 
-HEAD = ("target", "minutes", "inputs", "line pairs", "kept", "findings", "minutes since")
+TABLE_HEAD = ("target", "minutes", "inputs", "line pairs", "kept", "findings", "minutes since")
 
 
 @dataclass
@@ -391,7 +391,7 @@ class Sum:
         ]
 
 
-def turn(found: Explored, revision: str) -> dict[str, Any]:
+def remembered_turn(found: Explored, revision: str) -> dict[str, Any]:
     """A turn as it is remembered."""
     told = {k: getattr(found, k) for k in ("name", "runs", "lines", "kept")}
     what = [f.what for f in found.findings]
@@ -448,7 +448,7 @@ def keep(found: Sequence[Explored], folder: Path) -> list[Path]:
     return out
 
 
-def verdict(found: Sequence[Sum]) -> str:
+def fuzz_verdict(found: Sequence[Sum]) -> str:
     """What all targets together came to."""
     count = sum(len(e.findings) for e in found)
     runs, minutes = sum(e.runs for e in found), sum(e.seconds for e in found) / 60
@@ -475,7 +475,7 @@ _PAGE = (
 
 def page(found: Sequence[Sum], command: str, revisions: Sequence[str]) -> str:
     """The table as a page."""
-    rows = [HEAD, ["---"] * len(HEAD), *(e.row() for e in found)]
+    rows = [TABLE_HEAD, ["---"] * len(TABLE_HEAD), *(e.row() for e in found)]
     return _PAGE.format(
         command=command,
         python=f"{sys.version_info.major}.{sys.version_info.minor}",
@@ -484,5 +484,5 @@ def page(found: Sequence[Sum], command: str, revisions: Sequence[str]) -> str:
         slow=SLOW_S,
         memory=_MEMORY / 2**30,
         table="\n".join(f"| {' | '.join(r)} |" for r in rows),
-        verdict=verdict(found),
+        verdict=fuzz_verdict(found),
     )

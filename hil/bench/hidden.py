@@ -75,7 +75,7 @@ class HiddenCase:
         return not self.effect and self.verdict != "adequate"
 
 
-def session(
+def identification_session(
     rig: Path,
     folder: Path,
     seed: int,
@@ -93,11 +93,11 @@ def session(
         {"simulation": {"hidden": hidden}, "controller": {"parameters": {"seed": motion}}},
     )
     path = folder / f"{effect or 'none'}-{joint}-{seed}-{motion}.mcap"
-    runner.run(config, seconds, seed, "lockstep", path)
+    runner.run_session(config, seconds, seed, "lockstep", path)
     return path
 
 
-def case(
+def hidden_case(
     rig: Path,
     folder: Path,
     effect: str,
@@ -109,7 +109,9 @@ def case(
     """Record two sessions and a held-out one, each on its own motion; diagnose; judge."""
     began = time.perf_counter()
     paths = [
-        session(rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude, length)
+        identification_session(
+            rig, folder, 10 * seed + k, 3 * seed + k, effect, joint, amplitude, length
+        )
         for k in range(3)
     ]
     runs = [load(path, "follower") for path in paths]
@@ -140,7 +142,7 @@ def run(
     with tempfile.TemporaryDirectory() as folder:
         for effect, joint in (*effects, ("", "joint1")):
             for seed in seeds:
-                out.append(case(rig, Path(folder), effect, joint, seed))
+                out.append(hidden_case(rig, Path(folder), effect, joint, seed))
                 if report:
                     report(out[-1])
     return out

@@ -82,7 +82,7 @@ class BenchArm:
 
 
 #: Shoulder about z, then two pitch joints; 0.215 m upper arm.
-THREE = BenchArm(
+THREE_JOINT_ARM = BenchArm(
     ("base", "upper", "fore"),
     (("0 0 1", 0.0, 0.0, 0.30), ("0 1 0", 0.0, 0.215, 0.18), ("0 1 0", 0.215, 0.17, 0.11)),
     np.array([0.040, 0.035, 0.025]),
@@ -92,21 +92,21 @@ THREE = BenchArm(
 )
 #: Four more joints of the kind of the last ones, rolling and bending in turn.
 SEVEN = BenchArm(
-    (*THREE.joints, "roll", "bend", "turn", "hand"),
+    (*THREE_JOINT_ARM.joints, "roll", "bend", "turn", "hand"),
     (
-        *THREE.links,
+        *THREE_JOINT_ARM.links,
         ("1 0 0", 0.17, 0.05, 0.09),
         ("0 1 0", 0.05, 0.12, 0.08),
         ("1 0 0", 0.12, 0.04, 0.06),
         ("0 1 0", 0.04, 0.08, 0.05),
     ),
-    np.append(THREE.fc, [0.020, 0.018, 0.014, 0.012]),
-    np.append(THREE.fv, [0.003, 0.003, 0.002, 0.002]),
-    np.append(THREE.ia, [0.6e-4, 0.5e-4, 0.4e-4, 0.3e-4]),
-    np.append(THREE.t0, [0.004, -0.004, 0.003, -0.002]),
+    np.append(THREE_JOINT_ARM.fc, [0.020, 0.018, 0.014, 0.012]),
+    np.append(THREE_JOINT_ARM.fv, [0.003, 0.003, 0.002, 0.002]),
+    np.append(THREE_JOINT_ARM.ia, [0.6e-4, 0.5e-4, 0.4e-4, 0.3e-4]),
+    np.append(THREE_JOINT_ARM.t0, [0.004, -0.004, 0.003, -0.002]),
 )
 #: By their number of joints.
-ARMS = {3: THREE, 7: SEVEN}
+ARMS = {3: THREE_JOINT_ARM, 7: SEVEN}
 #: White noise of the effort [N m]: what no model explains.
 _NOISE = 0.005
 #: The effect that is missing: share of Coulomb friction, and its speed [rad/s].
@@ -115,7 +115,7 @@ _RATE, _HARMONICS, _FUNDAMENTAL = 1000.0, 12, 0.1
 
 
 @dataclass(frozen=True)
-class Data:
+class BenchData:
     """One run, exact motion included: t (n,), the others (n, d)."""
 
     t: FloatArray
@@ -124,13 +124,15 @@ class Data:
     qdd: FloatArray
     tau: FloatArray
 
-    def recording(self, name: str, arm: BenchArm = THREE) -> Recording:
+    def recording(self, name: str, arm: BenchArm = THREE_JOINT_ARM) -> Recording:
         """What a rig would have recorded of it: positions and efforts."""
         robot = RobotSource("", arm.urdf())
         return Recording(name, "arm", arm.joints, self.t, self.q, self.tau, robot=robot)
 
 
-def motion(t: FloatArray, seed: int, d: int = 3) -> tuple[FloatArray, FloatArray, FloatArray]:
+def fourier_motion(
+    t: FloatArray, seed: int, d: int = 3
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Position, velocity and acceleration (n, d) of a Fourier series of 12 harmonics."""
     rng = np.random.default_rng(seed)
     k = np.arange(1, _HARMONICS + 1)
@@ -147,12 +149,14 @@ def motion(t: FloatArray, seed: int, d: int = 3) -> tuple[FloatArray, FloatArray
     return q, qd, qdd
 
 
-def simulate(seconds: float, seed: int, stribeck: bool, arm: BenchArm = THREE) -> Data:
+def simulate_run(
+    seconds: float, seed: int, stribeck: bool, arm: BenchArm = THREE_JOINT_ARM
+) -> BenchData:
     """Exact motion and noisy effort of one run; `stribeck` adds the missing effect."""
     import pinocchio as pin
 
     t = np.arange(round(seconds * _RATE)) / _RATE
-    q, qd, qdd = motion(t, seed, len(arm.joints))
+    q, qd, qdd = fourier_motion(t, seed, len(arm.joints))
     model = pin.buildModelFromXML(arm.urdf())
     data = model.createData()
     tau = np.empty_like(q)
@@ -161,7 +165,7 @@ def simulate(seconds: float, seed: int, stribeck: bool, arm: BenchArm = THREE) -
     friction = arm.fc * (1.0 + stribeck * PEAK * np.exp(-((qd / _SPEED) ** 2)))
     tau += friction * np.sign(qd) + arm.fv * qd + arm.ia * qdd + arm.t0
     tau += _NOISE * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
-    return Data(t, q, qd, qdd, tau)
+    return BenchData(t, q, qd, qdd, tau)
 
 
 #: Eigenvalues of the scaled normal equations below this share of the largest are rounding.
@@ -169,11 +173,11 @@ _RANK = 1e-12
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def _reference_regressor(data: Data) -> FloatArray:
+def _reference_regressor(data: BenchData) -> FloatArray:
     """Regressor (n, 3, 42) at every sample: bodies, rotor inertia, Coulomb, viscous, offset."""
     import pinocchio as pin
 
-    model = pin.buildModelFromXML(THREE.urdf())
+    model = pin.buildModelFromXML(THREE_JOINT_ARM.urdf())
     work = model.createData()
     n, d = data.q.shape
     x = np.zeros((n, d, 10 * d + 4 * d))
@@ -190,7 +194,7 @@ def _reference_regressor(data: Data) -> FloatArray:
     return x
 
 
-def _reference_fit(data: Data) -> FloatArray:
+def _reference_fit(data: BenchData) -> FloatArray:
     """All 42 parameters by normal equations at the full rate, from the exact motion."""
     x = _reference_regressor(data).reshape(data.tau.size, -1)
     gram, right = x.T @ x, x.T @ data.tau.reshape(-1)
@@ -201,12 +205,12 @@ def _reference_fit(data: Data) -> FloatArray:
     return theta / scale
 
 
-def _heldout_of_reference(theta: FloatArray, test: Data) -> FloatArray:
+def _heldout_of_reference(theta: FloatArray, test: BenchData) -> FloatArray:
     """Rms error (3,) on another run at the full rate [N m]."""
     return rms(test.tau - _reference_regressor(test) @ theta)
 
 
-def _heldout_of_fit(result: FitResult, test: Data) -> FloatArray:
+def _heldout_of_fit(result: FitResult, test: BenchData) -> FloatArray:
     """The same of a fitted model of hil."""
     nothing = np.zeros_like(test.q)
     motion = replace(
@@ -341,7 +345,7 @@ class Report:
     lengths: list[Length]
 
 
-def run(
+def run_benchmark(
     seconds: float = 60.0,
     repeats: int = 3,
     lengths: Sequence[float] = _LENGTHS,
@@ -369,7 +373,7 @@ def run(
         folder = Path(name)
         for stribeck, data in DATA.items():
             tell(data)
-            train, test = (simulate(seconds, seed, stribeck) for seed in (1, 2))
+            train, test = (simulate_run(seconds, seed, stribeck) for seed in (1, 2))
             own = _in_process(train, test, data, repeats)
             own.append(_figaroh(folder, train, test, data, repeats, figaroh, own[0].seconds))
             own += _diagnoses(folder, train, test, data, repeats, own[0].seconds)
@@ -384,7 +388,7 @@ def run(
     return Report(seconds, repeats, rows, grown)
 
 
-def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[IdentifyRow]:
+def _in_process(train: BenchData, test: BenchData, data: str, repeats: int) -> list[IdentifyRow]:
     """Reference and `hil.fit`, taking turns."""
     recording = train.recording("train")
     model = base_model(recording.robot)
@@ -410,14 +414,14 @@ def _in_process(train: Data, test: Data, data: str, repeats: int) -> list[Identi
 
 def _figaroh(
     folder: Path,
-    train: Data,
-    test: Data,
+    train: BenchData,
+    test: BenchData,
     data: str,
     repeats: int,
     python: str,
     reference: float,
 ) -> IdentifyRow:
-    (folder / "arm.urdf").write_text(THREE.urdf(), encoding="utf-8")
+    (folder / "arm.urdf").write_text(THREE_JOINT_ARM.urdf(), encoding="utf-8")
     np.savez(folder / "train.npz", **vars(train))
     np.savez(folder / "test.npz", **vars(test))
     found = _run_figaroh(folder, repeats, python)
@@ -430,7 +434,7 @@ def _figaroh(
 
 
 def _diagnoses(
-    folder: Path, train: Data, test: Data, data: str, repeats: int, reference: float
+    folder: Path, train: BenchData, test: BenchData, data: str, repeats: int, reference: float
 ) -> list[IdentifyRow]:
     """From the file to the report, judged on fifths of the recording or on the other one."""
     paths = [str(folder / f"{name}.mcap") for name in ("train", "test")]
@@ -454,10 +458,12 @@ def _oneshot(
     return _child_process(words, limits=limits)
 
 
-def _length(folder: Path, seconds: float, stribeck: bool, arm: BenchArm = THREE) -> Length:
+def _length(
+    folder: Path, seconds: float, stribeck: bool, arm: BenchArm = THREE_JOINT_ARM
+) -> Length:
     """One diagnosis of a recording, with the missing effect or without: time and peak memory."""
     path = str(folder / "long.mcap")
-    write_recordings(path, [simulate(seconds, 1, stribeck, arm).recording("long", arm)])
+    write_recordings(path, [simulate_run(seconds, 1, stribeck, arm).recording("long", arm)])
     # a long recording gets as many threads as a user's would
     found = _oneshot(folder, 0, [path], {"OPENBLAS_NUM_THREADS": "1"})
     times, peak = (found["seconds"][0], found["wall"][0]), found["peak"] / 2**20
@@ -552,7 +558,7 @@ def _number(x: float) -> str:
     return "-" if math.isnan(x) else f"{x:.2f}"
 
 
-def data(r: Report) -> dict[str, Any]:
+def report_data(r: Report) -> dict[str, Any]:
     """The same as JSON; what did not run is null."""
     rows: list[dict[str, Any]] = [asdict(row) for row in r.rows]
     for row in rows:
@@ -618,8 +624,10 @@ def is_page(path: Path) -> bool:
 def command(args: argparse.Namespace) -> Found:
     """How long identification and diagnosis take, beside peers."""
     outputs.check(args.report, ".md", (), is_page, "a page of this benchmark")
-    report = run(figaroh=args.figaroh, report=lambda what: terminal.log(f"measuring {what}"))
+    report = run_benchmark(
+        figaroh=args.figaroh, report=lambda what: terminal.log(f"measuring {what}")
+    )
     if args.report:
         with outputs.writing(args.report):
             write_text(args.report, page(report))
-    return text(report), data(report)
+    return text(report), report_data(report)

@@ -26,8 +26,8 @@ from hil.work import single_threaded
 
 FloatArray = NDArray[np.float64]
 #: Motion of a run and rigid-body effort (n, d) to columns (n, k).
-Feature = Callable[[Motion, FloatArray], FloatArray]
-Named = Iterator[tuple[str, Feature]]
+FeatureFunction = Callable[[Motion, FloatArray], FloatArray]
+NamedFeatures = Iterator[tuple[str, FeatureFunction]]
 #: A little beyond the range of the training runs polynomials stay where they end.
 _BEYOND = 1.05
 
@@ -85,13 +85,13 @@ class Scales:
         return np.asarray(chebvander(self.place(m, j), degree)[:, 1:])
 
 
-def motor(s: Scales, j: int) -> dict[str, Feature]:
+def motor(s: Scales, j: int) -> dict[str, FeatureFunction]:
     """Features of the motor's effort on joint j, by name, in the order in which they are tried."""
     parts = (_place(s, j), _slip(s, j), _speed(s, j), _stop(s, j), _load(s, j), _others(s, j))
     return {name: feature for part in parts for name, feature in part}
 
 
-def external(s: Scales, j: int) -> dict[str, Feature]:
+def external(s: Scales, j: int) -> dict[str, FeatureFunction]:
     """Features of what an object does to joint j: of its position and speed alone."""
     parts = (_place(s, j), _slip(s, j), _speed(s, j), _stop(s, j), _object(s, j))
     return {name: feature for part in parts for name, feature in part}
@@ -102,18 +102,18 @@ def columns(*parts: FloatArray) -> FloatArray:
     return np.stack(parts, axis=1)
 
 
-def _place(s: Scales, j: int) -> Named:
+def _place(s: Scales, j: int) -> NamedFeatures:
     """What depends on where the joint is: unbalanced mass, cogging, cables, springs."""
     for n in (1, 3, 6):
         yield f"poly{n}", _poly(s, j, n)
     yield "sincos", lambda m, _: columns(np.sin(m.q[:, j]), np.cos(m.q[:, j]))
 
 
-def _poly(s: Scales, j: int, degree: int) -> Feature:
+def _poly(s: Scales, j: int, degree: int) -> FeatureFunction:
     return lambda m, _: s.power(m, j, degree)
 
 
-def _slip(s: Scales, j: int) -> Named:
+def _slip(s: Scales, j: int) -> NamedFeatures:
     """Hysteresis: three springs that slip one after the other, and friction by place."""
     for share in (0.001, 0.003, 0.01, 0.03):
         yield f"slip{share}", _slips(s, j, share)
@@ -121,11 +121,11 @@ def _slip(s: Scales, j: int) -> Named:
     yield "slip*poly", lambda m, _: s.slip(m, j, 0.01)[:, None] * s.power(m, j, 3)
 
 
-def _slips(s: Scales, j: int, share: float) -> Feature:
+def _slips(s: Scales, j: int, share: float) -> FeatureFunction:
     return lambda m, _: columns(*(s.slip(m, j, k * share) for k in (1, 3, 9)))
 
 
-def _speed(s: Scales, j: int) -> Named:
+def _speed(s: Scales, j: int) -> NamedFeatures:
     """Curves of friction over speed, by direction and place."""
     for share in (0.03, 0.1, 0.3):
         yield f"stribeck{share}", _stribeck(s, j, share * float(s.speed[j]))
@@ -134,7 +134,7 @@ def _speed(s: Scales, j: int) -> Named:
     yield "viscous(q)", partial(_viscous, s, j)
 
 
-def _stribeck(s: Scales, j: int, width: float) -> Feature:
+def _stribeck(s: Scales, j: int, width: float) -> FeatureFunction:
     return lambda m, _: columns(np.exp(-((m.qd[:, j] / width) ** 2)) * s.sign(m, j))
 
 
@@ -148,13 +148,13 @@ def _viscous(s: Scales, j: int, m: Motion, _: FloatArray) -> FloatArray:
     return columns(v * x, v * x**2)
 
 
-def _stop(s: Scales, j: int) -> Named:
+def _stop(s: Scales, j: int) -> NamedFeatures:
     """Soft stops near the ends of the range."""
     for share in (0.9, 0.95, 0.98):
         yield f"stop{share}", _ends(s, j, share)
 
 
-def _ends(s: Scales, j: int, share: float) -> Feature:
+def _ends(s: Scales, j: int, share: float) -> FeatureFunction:
     def feature(m: Motion, _: FloatArray) -> FloatArray:
         x = s.place(m, j)
         return columns(np.maximum(0, x - share), np.minimum(0, x + share))
@@ -162,7 +162,7 @@ def _ends(s: Scales, j: int, share: float) -> Feature:
     return feature
 
 
-def _load(s: Scales, j: int) -> Named:
+def _load(s: Scales, j: int) -> NamedFeatures:
     """Friction that grows with the load, and the ratio of a measured load."""
     if s.loaded:
         yield "extgain", lambda m, _: m.tau_ext[:, j : j + 1]
@@ -175,7 +175,7 @@ def _load_slip(s: Scales, j: int, m: Motion, load: FloatArray) -> FloatArray:
     return np.abs(load[:, j : j + 1]) * columns(s.sign(m, j), *slips)
 
 
-def _others(s: Scales, j: int) -> Named:
+def _others(s: Scales, j: int) -> NamedFeatures:
     """What another joint does to this one: coupled transmissions, cables across it."""
     for i in (i for i in range(s.half.size) if i != j):
         yield f"couple{i + 1}", partial(_coupled, s, i)
@@ -188,7 +188,7 @@ def _coupled(s: Scales, i: int, m: Motion, _: FloatArray) -> FloatArray:
     return columns(m.qd[:, i], s.sign(m, i), m.qdd[:, i])
 
 
-def _relative(s: Scales, j: int, i: int, ratio: int) -> Feature:
+def _relative(s: Scales, j: int, i: int, ratio: int) -> FeatureFunction:
     def feature(m: Motion, _: FloatArray) -> FloatArray:
         v, a = (x[:, j] + ratio * x[:, i] for x in (m.qd, m.qdd))
         return columns(v, np.tanh(v / s.slow[j]), a)
@@ -196,7 +196,7 @@ def _relative(s: Scales, j: int, i: int, ratio: int) -> Feature:
     return feature
 
 
-def _object(s: Scales, j: int) -> Named:
+def _object(s: Scales, j: int) -> NamedFeatures:
     """What an object does: a damper, a damper with a spring in series, where contact begins."""
     yield "viscous", lambda m, _: m.qd[:, j : j + 1]
     for seconds in (0.03, 0.1, 0.3):
@@ -205,11 +205,11 @@ def _object(s: Scales, j: int) -> Named:
         yield f"onset{share}", _onset(s, j, share)
 
 
-def _maxwell(j: int, seconds: float) -> Feature:
+def _maxwell(j: int, seconds: float) -> FeatureFunction:
     return lambda m, _: columns(_relaxing(m, j, seconds))
 
 
-def _onset(s: Scales, j: int, share: float) -> Feature:
+def _onset(s: Scales, j: int, share: float) -> FeatureFunction:
     return lambda m, _: columns(np.maximum(0, s.place(m, j) - share))
 
 
@@ -281,7 +281,7 @@ class Side:
             start = _spring
         self.own = [self.rows(partial(start, j=j), j) for j in range(problem.d)]
 
-    def rows(self, feature: Feature, j: int) -> FloatArray:
+    def rows(self, feature: FeatureFunction, j: int) -> FloatArray:
         """Columns (n, k) of a feature as the rows of joint j see it."""
         runs = zip(self.problem.motions, self.load, strict=True)
         return self.problem.gated([feature(m, load) for m, load in runs], j)
@@ -367,7 +367,9 @@ class Script:
         )
         return float(np.sqrt(error / self.side.problem.count[j]))
 
-    def best(self, j: int, now: float, pool: dict[str, Feature]) -> tuple[str, FloatArray] | None:
+    def best(
+        self, j: int, now: float, pool: dict[str, FeatureFunction]
+    ) -> tuple[str, FloatArray] | None:
         """The feature with the least left-out error of joint j below `now`, and its rows."""
         best, found = now, None
         for name, feature in pool.items():
@@ -396,7 +398,7 @@ class Script:
 
 
 @single_threaded
-def run(
+def cross_validated(
     train: list[Recording], hold: list[Recording], robot: RobotSource, explains: str = "motor"
 ) -> Person:
     """Choose features on the training runs, fit once, and show the held-out runs once.

@@ -205,7 +205,7 @@ def hil_loop(
 
     with tempfile.TemporaryDirectory() as folder:
         path, used = Path(folder) / "loop.mcap", _processor_seconds()
-        done = runner.run(config, seconds, 1, "real", path, kind=kind, timer=timer)
+        done = runner.run_session(config, seconds, 1, "real", path, kind=kind, timer=timer)
         used = _processor_seconds() - used
     f = done.figures
     lost = f"; {done.dropped} rows dropped" if done.dropped else ""
@@ -341,17 +341,17 @@ RUNS: tuple[Callable[[float], LoopRun], ...] = (
 )
 
 
-def compare(seconds: float, turns: int) -> list[LoopRun]:
+def _compare(seconds: float, turns: int) -> list[LoopRun]:
     """All runs, each for so long [s], in turns; of every figure the median of the turns."""
     hil_loop(0.3)  # compiled code into the cache
     found = [[run(seconds) for run in RUNS] for _ in range(turns)]
-    return [median(list(same)) for same in zip(*found, strict=True)]
+    return [median_run(list(same)) for same in zip(*found, strict=True)]
 
 
 _FIGURES = ("ticks", "missed", "p50", "p99", "p999", "most", "share")
 
 
-def median(turns: list[LoopRun]) -> LoopRun:
+def median_run(turns: list[LoopRun]) -> LoopRun:
     """The same run of several turns: the median of every figure."""
     middle: dict[str, Any] = {
         name: float(np.median([getattr(r, name) for r in turns])) for name in _FIGURES
@@ -388,7 +388,7 @@ def rows(found: list[LoopRun]) -> list[list[str]]:
     ]
 
 
-def verdict(found: list[LoopRun]) -> str:
+def loop_verdict(found: list[LoopRun]) -> str:
     """The loop against the machine's own limit, like for like."""
     lines = []
     for load in ("", ", under load"):
@@ -417,7 +417,7 @@ def table(found: list[LoopRun]) -> str:
     lines = [
         "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells
     ]
-    return "\n".join([*lines, "", verdict(found)])
+    return "\n".join([*lines, "", loop_verdict(found)])
 
 
 def page(found: list[LoopRun], command: str) -> str:
@@ -440,7 +440,7 @@ def page(found: list[LoopRun], command: str) -> str:
             "|" + "---|" * len(HEAD),
             *("| " + " | ".join(r) + " |" for r in rows(found)),
             "",
-            verdict(found),
+            loop_verdict(found),
             "",
         ]
     )
@@ -451,7 +451,7 @@ def command(args: argparse.Namespace) -> Found:
     terminal.check_page(args.report)
     if args.turns < 1:
         raise ConfigError(f"--turns {args.turns}: one or more is needed")
-    found = compare(args.seconds, args.turns)
+    found = _compare(args.seconds, args.turns)
     command = f"hil bench loop --seconds {args.seconds:g} --turns {args.turns}"
     terminal.write_page(args.report, page(found, command))
     return table(found), {"runs": [asdict(r) for r in found]}
@@ -572,7 +572,7 @@ def page_row(same: list[LoopRun], closed: list[LoopRun]) -> PageRow:
         r = [getattr(a, name) / max(getattr(b, name), 0.1) for a, b in pairs]
         return min(r), float(np.median(r)), max(r)
 
-    return PageRow(median(same), ratio("p50"), ratio("p99"), ratio("p999"))
+    return PageRow(median_run(same), ratio("p50"), ratio("p99"), ratio("p999"))
 
 
 PAGE_HEAD = (*HEAD[:-2], "p50 ratio", "p99 ratio", "p99.9 ratio", "")
@@ -612,5 +612,5 @@ def page_command(args: argparse.Namespace) -> Found:
         found = beside_pages(args.seconds, args.turns, bar.update)
     table = terminal.table(list(PAGE_HEAD), page_rows(found))
     return f"{table}\n\n{page_verdict(found)}", {
-        "runs": [terminal.finite(asdict(r)) for r in found]
+        "runs": [terminal.json_value(asdict(r)) for r in found]
     }

@@ -30,7 +30,7 @@ from hil.bench import least_squares_script
 from hil.bench.diagnosis import runner
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
-from hil.experiments.replicate import LostRun, Where, counted, spread, where
+from hil.experiments.replicate import LostRun, Where, computer, counted, spread
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.interrupt import held_back, with_its_parent
@@ -38,11 +38,11 @@ from hil.models.model import RobotModel, Use, base_model
 from hil.record import datasets
 from hil.record.recording import Recording
 from hil.terminal import Found
-from hil.work import alone
+from hil.work import on_one_thread
 
 FloatArray = NDArray[np.float64]
 #: Runs to fit, and runs to judge on.
-Split = tuple[list[Recording], list[Recording]]
+SessionSplit = tuple[list[Recording], list[Recording]]
 #: A case that has said nothing after this time has failed [s].
 _LIMIT_S = 3600.0
 _HERE = Where()
@@ -50,7 +50,7 @@ _HERE = Where()
 _AIM = 1.1
 #: An error is worse than the given model's from this ratio on: two fits differ by rounding.
 _WORSE = 1.001
-HEAD = (
+REAL_HEAD = (
     "case", "given", "with offset", "person", "ours", "blind", "floor", "ours / person",
     "verdict", "named", "person s", "ours s", "MiB",
 )  # fmt: skip
@@ -64,7 +64,7 @@ JOINT_HEAD = (
     "floor",
     "person's features",
 )
-FAILED = "internal error"
+INTERNAL_ERROR = "internal error"
 _NOTHING = "-"
 
 
@@ -87,7 +87,7 @@ class RealCase:
 
     name: str
     kind: str
-    load: Callable[[], Split]
+    load: Callable[[], SessionSplit]
     explains: str = "motor"
     complete: bool = False
 
@@ -242,15 +242,15 @@ def blind(train: list[Recording], hold: list[Recording], model: RobotModel) -> t
 
 
 def script(train: list[Recording], hold: list[Recording], explains: str) -> ScriptErrors:
-    """The person's script; arguments as of `hil.bench.least_squares_script.run`."""
+    """The person's script; arguments as of `hil.bench.least_squares_script.cross_validated`."""
     begun = time.perf_counter()
-    found = least_squares_script.run(train, hold, train[0].robot, explains)
+    found = least_squares_script.cross_validated(train, hold, train[0].robot, explains)
     seconds = time.perf_counter() - begun
     features = [list(names) for names in found.chosen]
     return ScriptErrors(found.given.tolist(), found.final.tolist(), features, seconds)
 
 
-def examine(case: RealCase) -> RealRow:
+def examine_case(case: RealCase) -> RealRow:
     """Person and tool on one case, in this process.
 
     Raises
@@ -262,7 +262,7 @@ def examine(case: RealCase) -> RealRow:
     problem = Problem(train, train[0].robot, case.explains)
     holds, joints = problem.holds.tolist(), list(problem.joints)
     del problem
-    with alone():
+    with on_one_thread():
         theirs = _tried(lambda: script(train, hold, case.explains))
         own = _tried(lambda: ours(train, hold, case.model(train[0])))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -279,10 +279,10 @@ def _tried(work: Callable[[], Any]) -> Any:
         return f"{type(error).__name__} at {place}: {error}"
 
 
-def run(
+def examine_cases(
     todo: Sequence[RealCase],
     where: Where = _HERE,
-    work: Callable[[RealCase], RealRow] = examine,
+    work: Callable[[RealCase], RealRow] = examine_case,
 ) -> Iterator[RealRow]:
     """Rows in the order in which they end.
 
@@ -375,21 +375,21 @@ def from_data(data: dict[str, Any]) -> RealRow:
         raise DataError(f"these are no results of 'hil bench real': {error}") from error
 
 
-def _set(name: str) -> Split:
+def _set(name: str) -> SessionSplit:
     return datasets.load_set(name, "train"), datasets.load_set(name, "hold")
 
 
-def _emps() -> Split:
+def _emps() -> SessionSplit:
     return [datasets.load_emps()], [datasets.load_emps(pulses=True)]
 
 
-def _halves(recording: Recording) -> Split:
+def _halves(recording: Recording) -> SessionSplit:
     """First half to fit, second to judge on."""
     half = recording.n // 2
     return [recording.slice(0, half)], [recording.slice(half, recording.n)]
 
 
-def _tx40() -> Split:
+def _tx40() -> SessionSplit:
     return _halves(datasets.load_tx40())
 
 
@@ -398,7 +398,7 @@ def _lever(run: str) -> Recording:
     return datasets.load_tue(f"m2_question1{run}")["follower"]
 
 
-def _free() -> Split:
+def _free() -> SessionSplit:
     """Half a run is too short for motor efforts: every other run, and the rest to judge on."""
     runs = [_lever(f"{k}_free_motion") for k in "abcdef"]
     return runs[0::2], runs[1::2]
@@ -414,7 +414,7 @@ def _contact(kind: str, runs: str, thing: str, complete: bool = False) -> list[R
     ]
 
 
-def _touched(run: str) -> Split:
+def _touched(run: str) -> SessionSplit:
     return _halves(_lever(run))
 
 
@@ -483,7 +483,7 @@ def worse(row: RealRow) -> bool:
     return written > _WORSE * given
 
 
-def line(row: RealRow) -> list[str]:
+def case_line(row: RealRow) -> list[str]:
     """One case: errors in %, what was named, seconds and memory."""
     errors = [_NOTHING] * 6
     named = verdict = person_s = ours_s = _NOTHING
@@ -498,7 +498,7 @@ def line(row: RealRow) -> list[str]:
             mine = (whole[0], whole[row.ours.written], unseen, row.whole(row.ours.floor))
             errors[0], errors[3], errors[4], errors[5] = map(_number, mine)
     else:
-        verdict = FAILED
+        verdict = INTERNAL_ERROR
     far, star = ratio(row), "*" if isinstance(row.ours, Ours) and row.ours.refitted else ""
     return [
         row.case,
@@ -604,7 +604,7 @@ def failures(rows: Sequence[RealRow]) -> list[str]:
     return out + [f"{r.case}, person: {r.script}" for r in rows if isinstance(r.script, str)]
 
 
-def data(rows: Sequence[RealRow]) -> list[dict[str, Any]]:
+def json_rows(rows: Sequence[RealRow]) -> list[dict[str, Any]]:
     """For JSON; what is no number is null."""
     return [{key: _plain_data(x) for key, x in asdict(row).items()} for row in rows]
 
@@ -621,7 +621,7 @@ def text(rows: Sequence[RealRow]) -> str:
     """For the terminal; `table` lays out a head and its rows."""
     parts = []
     for kind, some in _kinds(rows).items():
-        parts += [kind, terminal.table(list(HEAD), [line(r) for r in some]), ""]
+        parts += [kind, terminal.table(list(REAL_HEAD), [case_line(r) for r in some]), ""]
     parts += [terminal.table(list(KIND_HEAD), by_kind(rows)), ""]
     return "\n".join([*parts, *(f"  {x}" for x in (*aims(rows), *failures(rows)))])
 
@@ -661,7 +661,7 @@ def page(rows: Sequence[RealRow], command: str, revision: str) -> str:
     for kind, some in _kinds(rows).items():
         missing = "; nothing is known to be missing" if all(r.complete for r in some) else ""
         parts += [f"## {kind[0].upper()}{kind[1:]}{missing}", ""]
-        parts += [*_markdown(HEAD, [line(r) for r in some]), ""]
+        parts += [*_markdown(REAL_HEAD, [case_line(r) for r in some]), ""]
     parts += ["## Joint by joint, and what the person's script took", ""]
     parts += [*_markdown(JOINT_HEAD, [x for r in rows for x in joint_lines(r)]), ""]
     if broken := failures(rows):
@@ -699,7 +699,7 @@ def command(args: argparse.Namespace) -> Found:
         if r["revision"] == made_by and r["case"]["case"] in names
     }
     left = [c for c in todo if c.name not in found]
-    for row in counted(run(left, where(args)), len(left), "case"):
+    for row in counted(examine_cases(left, computer(args)), len(left), "case"):
         found[row.case] = row
         if kept:
             runner.append(kept, {"revision": made_by, "case": to_data(row)})
@@ -707,4 +707,4 @@ def command(args: argparse.Namespace) -> Found:
     only = "".join(f" --only {word}" for word in args.only)
     command = f"hil bench real{only} --workers {args.workers}"
     terminal.write_page(args.report, page(rows, command, made_by))
-    return text(rows), {"revision": made_by, "cases": data(rows)}
+    return text(rows), {"revision": made_by, "cases": json_rows(rows)}

@@ -48,8 +48,8 @@ def _measure(seconds: float) -> RecordSpeed:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.mcap"
         config = load_rig(rig_path("teleop"))
-        runner.run(config, 0.05, 1, "lockstep", path)
-        done = runner.run(config, seconds, 1, "lockstep", path)
+        runner.run_session(config, 0.05, 1, "lockstep", path)
+        done = runner.run_session(config, seconds, 1, "lockstep", path)
         size = path.stat().st_size
         began = time.perf_counter()
         load_arms(path)
@@ -127,7 +127,7 @@ def damage(flips: int = _FLIPS, stride: int = 1) -> Damage:
     )
 
 
-def table(m: RecordSpeed, d: Damage) -> str:
+def _text_table(m: RecordSpeed, d: Damage) -> str:
     """Table for the terminal."""
     return "\n".join(
         [
@@ -146,4 +146,4 @@ def table(m: RecordSpeed, d: Damage) -> str:
 def command(args: argparse.Namespace) -> Found:
     """What recording costs, and what a flipped bit or a cut file loses."""
     found, lost = _measure(args.seconds), damage()
-    return table(found, lost), {**asdict(found), "damage": asdict(lost)}
+    return _text_table(found, lost), {**asdict(found), "damage": asdict(lost)}

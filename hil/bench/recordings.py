@@ -211,7 +211,7 @@ def wrist(split: str = "fifths") -> Wrist:
     return Wrist(diagnose([runs[0]], model, [runs[1]]), split)
 
 
-def median(values: Sequence[float]) -> float:
+def _median_of(values: Sequence[float]) -> float:
     """Median."""
     return float(np.median(list(values)))
 
@@ -307,7 +307,7 @@ def contact_command(args: argparse.Namespace) -> Found:
         ]
         head = ["run", "verdict", "spring %", "final %", "named", "hysteresis - damping"]
         lines += [kind, terminal.table(head, rows)]
-        spring, final = (median([getattr(c, x) for c in found]) for x in ("spring", "final"))
+        spring, final = (_median_of([getattr(c, x) for c in found]) for x in ("spring", "final"))
         lines.append(
             f"  median held-out error {spring:.1f} % with a linear spring, "
             f"{final:.1f} % with the law found\n"

@@ -178,10 +178,10 @@ def _starts(
 ) -> tuple[list[float], tuple[int, int], tuple[int, int]]:
     """Memory after the first start and each hundred; open files and threads, first and last."""
     config, path = load_rig(rig_path(_RIG)), folder / "start.mcap"
-    runner.run(config, _SHORT, 1, "lockstep", path)
+    runner.run_session(config, _SHORT, 1, "lockstep", path)
     memory, files, threads = [resident()], _open_files(), threading.active_count()
     for k in range(1, starts):
-        runner.run(config, _SHORT, 1, "lockstep", path)
+        runner.run_session(config, _SHORT, 1, "lockstep", path)
         if (k + 1) % _EVERY == 0:
             memory.append(resident())
             done()

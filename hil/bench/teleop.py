@@ -29,7 +29,7 @@ from hil import terminal
 from hil.controllers.fixtures import FixtureConfig
 from hil.controllers.lawrence_config import LawrenceConfig
 from hil.errors import ConfigError, DeviceError, HilError
-from hil.experiments.pages import lines
+from hil.experiments.pages import line_chart
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, RigConfig, load_rig
@@ -44,13 +44,13 @@ from hil.toml import parse
 from hil.userfile import write_text
 
 FloatArray = NDArray[np.float64]
-_HZ, SETTLE, PERIODS, _PERIOD = 1.0, 3.0, 3, 1e-3
+_HZ, SETTLING_S, MEASURED_PERIODS, _PERIOD = 1.0, 3.0, 3, 1e-3
 _UP, _GEL, _ABOVE = 0.008, 400.0, -0.02
 _HAND_SECONDS = 6.0
 
 
 @dataclass(frozen=True)
-class Link:
+class CommunicationLink:
     """A channel, the same in both directions.
 
     Parameters
@@ -74,20 +74,27 @@ class Link:
         return f"{1e3 * self.delay:.0f} ms{extra}"
 
 
-LINKS = (Link(0.0), Link(0.01), Link(0.03), Link(0.1), Link(0.3), Link(0.1, 0.05, 0.1))
+LINKS = (
+    CommunicationLink(0.0),
+    CommunicationLink(0.01),
+    CommunicationLink(0.03),
+    CommunicationLink(0.1),
+    CommunicationLink(0.3),
+    CommunicationLink(0.1, 0.05, 0.1),
+)
 #: Four channels without accelerations: c4 = -c8 and c2 = c3 = 1 are transparent at low frequencies.
-FOUR: Mapping[str, Any] = {
+FOUR_CHANNEL_PARAMETERS: Mapping[str, Any] = {
     "c1": [250.0, 1.5, 0.0], "c2": [1.0], "c3": [1.0], "c4": [0.0, -0.3, 0.0],
     "c7": [250.0, 1.5, 0.0], "c8": [0.0, 0.3, 0.0], "force_hz": 100.0,
 }  # fmt: skip
 #: Disturbance observers that the cables of the rig bear.
 OBSERVED: Mapping[str, Any] = {"disturbance": 1.0, "observer_hz": 5.0}
 #: Laws: name, controller, parameters.
-LAWS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
+COMPARED_LAWS: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
     ("position-force, share 0.5 (no protection)", "lawrence", {}),
     ("position-force, disturbance observers", "lawrence", OBSERVED),
-    ("four-channel (no protection)", "lawrence", FOUR),
-    ("four-channel, disturbance observers", "lawrence", {**FOUR, **OBSERVED}),
+    ("four-channel (no protection)", "lawrence", FOUR_CHANNEL_PARAMETERS),
+    ("four-channel, disturbance observers", "lawrence", {**FOUR_CHANNEL_PARAMETERS, **OBSERVED}),
     ("passivity observer", "delayed", {"scheme": "passivity"}),
     ("wave variables", "delayed", {"scheme": "waves"}),
     ("energy tanks", "delayed", {"scheme": "tanks"}),
@@ -127,7 +134,7 @@ class DelayRow:
         return self.stiffness / self.environment
 
 
-def config_of(
+def rig_of_law(
     controller: str, parameters: Mapping[str, Any], operator: Mapping[str, Any], gel: float | None
 ) -> RigConfig:
     """Rig with a law, an operator, and a gel above home or none."""
@@ -139,9 +146,9 @@ def config_of(
     return dataclasses.replace(config, controller=law)
 
 
-def impedances(path: Path) -> tuple[complex, complex]:
+def measured_impedances(path: Path) -> tuple[complex, complex]:
     """f_m / v_m and f_s / v_s on the vertical axis at the motion's frequency [N s/m]."""
-    n, arm, found = round(PERIODS / _HZ / _PERIOD), Premium(()), []
+    n, arm, found = round(MEASURED_PERIODS / _HZ / _PERIOD), Premium(()), []
     tone = np.exp(-2j * np.pi * _HZ * np.arange(n) * _PERIOD)
     for name, sign in (("leader", 1.0), ("follower", -1.0)):
         r = load(path, name)
@@ -152,8 +159,13 @@ def impedances(path: Path) -> tuple[complex, complex]:
     return found[0], found[1]
 
 
-def row(
-    law: str, controller: str, parameters: Mapping[str, Any], link: Link, folder: Path, seed: int
+def measured_row(
+    law: str,
+    controller: str,
+    parameters: Mapping[str, Any],
+    link: CommunicationLink,
+    folder: Path,
+    seed: int,
 ) -> DelayRow:
     """Three sessions of a law over a channel."""
     way = {"delay": link.delay, "jitter": link.jitter, "loss": link.loss}
@@ -162,9 +174,11 @@ def row(
     path, z = folder / "run.mcap", []
     try:
         for gel in (None, _GEL):
-            config = config_of(controller, given, machine, gel)
-            runner.run(config, SETTLE + PERIODS / _HZ, seed, "lockstep", path).enabled()
-            z.append(impedances(path))
+            config = rig_of_law(controller, given, machine, gel)
+            runner.run_session(
+                config, SETTLING_S + MEASURED_PERIODS / _HZ, seed, "lockstep", path
+            ).enabled()
+            z.append(measured_impedances(path))
     except (ConfigError, DeviceError, HilError) as error:
         return DelayRow(law, link.name, why=_short(error))
     (free, _), (felt, there) = z
@@ -181,9 +195,9 @@ def row(
 
 def _by_hand(controller: str, given: Mapping[str, Any], path: Path, seed: int) -> str:
     """State in which a hand's session in contact ended."""
-    config = config_of(controller, given, {"kind": "hand", "arm": "leader"}, _GEL)
+    config = rig_of_law(controller, given, {"kind": "hand", "arm": "leader"}, _GEL)
     try:
-        return runner.run(config, _HAND_SECONDS, seed, "lockstep", path).state
+        return runner.run_session(config, _HAND_SECONDS, seed, "lockstep", path).state
     except DeviceError:
         return "FAULT"
 
@@ -251,8 +265,8 @@ def _pressed(stiffness: float, damping: float, path: Path, seed: int) -> str:
     wall = {"normal": [0.0, 0.0, 1.0], "place": 0.005, "stiffness": stiffness, "damping": damping}
     law = {"scheme": "model", "wall": wall, "seed": seed}
     try:
-        config = config_of("delayed", law, {"kind": "hand", "arm": "leader"}, None)
-        state = runner.run(config, _HAND_SECONDS, seed, "lockstep", path).state
+        config = rig_of_law("delayed", law, {"kind": "hand", "arm": "leader"}, None)
+        state = runner.run_session(config, _HAND_SECONDS, seed, "lockstep", path).state
     except ConfigError:
         return "K T + 2 B is too much for the period"
     except DeviceError:
@@ -299,7 +313,7 @@ def wall_limits() -> list[WallLimit]:
     law = parse(LawrenceConfig, dict(load_rig("lawrence").controller.parameters), "lawrence")
     axis = law_parameters.loops_of(law)[2]
     alone = Design(master=axis.design.master, slave=axis.design.slave)
-    loop = dataclasses.replace(axis, design=alone, environments=(hybrid.FREE,))
+    loop = dataclasses.replace(axis, design=alone, environments=(hybrid.FREE_MOTION,))
     quick = dataclasses.replace(loop.real, velocity_hz=0.0)
     changed = (
         ("the rig as it is", loop, _PERIOD),
@@ -317,7 +331,9 @@ def _limit(loop: SampledLoop, period: float) -> tuple[float, float]:
     while high - low > 1e-3 * high:
         middle = 0.5 * (low + high)
         within = dataclasses.replace(loop, fixture=(middle, _TOLD)).within()
-        size, mode = max(dominant_mode(within, zh, hybrid.FREE, period) for zh in loop.operators)
+        size, mode = max(
+            dominant_mode(within, zh, hybrid.FREE_MOTION, period) for zh in loop.operators
+        )
         if size <= 1.0 + GROWTH:
             low = middle
         else:
@@ -402,8 +418,8 @@ def _by_fixture(
 ) -> tuple[list[FloatArray], str]:
     """Places of leader and follower from the start (n, 3) [m], and how the session ended."""
     path = folder / "fixture.mcap"
-    config = config_of(controller, parameters, {"kind": "hand", "arm": "leader"}, None)
-    state = runner.run(config, _HAND_SECONDS, seed, "lockstep", path).state
+    config = rig_of_law(controller, parameters, {"kind": "hand", "arm": "leader"}, None)
+    state = runner.run_session(config, _HAND_SECONDS, seed, "lockstep", path).state
     tips = [Premium(()).tip(load(path, arm).q) for arm in ("leader", "follower")]
     return [tip - tip[0] for tip in tips], state
 
@@ -450,9 +466,9 @@ def study(
     links = (LINKS[0], LINKS[3], LINKS[5]) if quick else LINKS
     with tempfile.TemporaryDirectory() as name:
         folder, rows = Path(name), []
-        for law in LAWS:
+        for law in COMPARED_LAWS:
             for link in links:
-                rows.append(row(*law, link, folder, seed))
+                rows.append(measured_row(*law, link, folder, seed))
                 report(1)
         found = walls(folder, seed, (1.0,) if quick else WALL_DAMPING)
         report(1)
@@ -463,14 +479,14 @@ def study(
 
 def steps(quick: bool) -> int:
     """How often `study` reports."""
-    return len(LAWS) * (3 if quick else len(LINKS)) + 2
+    return len(COMPARED_LAWS) * (3 if quick else len(LINKS)) + 2
 
 
 _HEAD = ("law", "one way", "drag [N s/m]", "felt [N/m]", "there [N/m]", "share", "by hand")
 WALL_HEAD = ("damping [N s/m]", "stiffest calm wall [N/m]", "next [N/m]", "what happens there")
 
 
-def cells(rows: list[DelayRow]) -> list[list[str]]:
+def _cells(rows: list[DelayRow]) -> list[list[str]]:
     """Cells of the table of laws."""
     return [
         [r.law, r.link, r.why, "-", "-", "-", "-"]
@@ -519,7 +535,7 @@ def figures(rows: Sequence[DelayRow]) -> dict[str, str]:
     laws = list(dict.fromkeys(r.law for r in rows))
     by = {(r.law, r.link): r for r in rows} | {(law, ""): DelayRow(law, "") for law in laws}
     return {
-        name: lines(title, links, {law: [value(by[law, x]) for x in links] for law in laws})
+        name: line_chart(title, links, {law: [value(by[law, x]) for x in links] for law in laws})
         for name, title, value in FIGURES
     }
 
@@ -550,7 +566,7 @@ def page(found: TeleopStudy, command: str, stem: str = "teleop") -> str:
             *(f"![{title}]({stem}-{name}.svg)\n" for name, title, _ in FIGURES),
             "In the figures a line ends where a law is refused; a share below 0 is drawn as 0.",
             "",
-            *table(_HEAD, cells(found.laws)),
+            *table(_HEAD, _cells(found.laws)),
             "",
             "## Walls",
             "",
@@ -599,11 +615,11 @@ def command(args: argparse.Namespace) -> Found:
         for name, figure in figures(found.laws).items():
             write_text(place.with_name(f"{place.stem}-{name}.svg"), figure)
     tables = (
-        (_HEAD, cells(found.laws)),
+        (_HEAD, _cells(found.laws)),
         (WALL_HEAD, wall_cells(found.walls)),
         (LIMIT_HEAD, limit_cells(found.limits)),
         (FIXTURE_HEAD, fixture_cells(found.fixtures)),
     )
     text = "\n\n".join(terminal.table(list(head), body) for head, body in tables)
     text += f"\n\n  the motors of the leader hold {found.holds:.1f} N at home"
-    return text, terminal.finite(asdict(found))
+    return text, terminal.json_value(asdict(found))

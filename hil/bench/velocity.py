@@ -42,7 +42,7 @@ _CUTOFFS = (10.0, 30.0, 100.0)
 
 #: Sines of a motion: amplitude of the speed [rad/s], frequency [Hz], phase [rad].
 Sines = tuple[tuple[float, float, float], ...]
-MOTIONS: dict[str, Sines] = {
+VELOCITY_MOTIONS: dict[str, Sines] = {
     "1 Hz, 0.02 rad/s": ((0.02, 1.0, 0.3),),
     "1 Hz, 0.5 rad/s": ((0.5, 1.0, 0.3),),
     "1 Hz, 3 rad/s": ((3.0, 1.0, 0.3),),
@@ -89,7 +89,7 @@ def velocity(sines: Sines, t: FloatArray) -> FloatArray:
     return np.asarray(sum(a * np.sin(2 * pi * f * t + p) for a, f, p in sines))
 
 
-def position(sines: Sines, t: FloatArray) -> FloatArray:
+def true_position(sines: Sines, t: FloatArray) -> FloatArray:
     """Angle of a motion at `t` (n,) [rad]."""
     terms = (-a / (2 * pi * f) * np.cos(2 * pi * f * t + p) for a, f, p in sines)
     return np.asarray(sum(terms))
@@ -105,16 +105,16 @@ def times() -> FloatArray:
     return np.asarray(np.arange(round(_SECONDS / _PERIOD)) * _PERIOD, np.float64)
 
 
-def compare(motions: Iterable[str] = tuple(MOTIONS)) -> list[VelocityRow]:
+def compare_estimators(motions: Iterable[str] = tuple(VELOCITY_MOTIONS)) -> list[VelocityRow]:
     """All estimators on some motions."""
     rows = []
     for motion in motions:
-        sines = MOTIONS[motion]
+        sines = VELOCITY_MOTIONS[motion]
         t = times()
-        counts = np.floor(position(sines, t) / _RESOLUTION).astype(np.int64)
+        counts = np.floor(true_position(sines, t) / _RESOLUTION).astype(np.int64)
         for label, name, options in _CASES:
             estimate = _follow(name, options, counts)
-            rows.append(judge(label, motion, t, estimate, partial(velocity, sines)))
+            rows.append(judge_estimate(label, motion, t, estimate, partial(velocity, sines)))
     return rows
 
 
@@ -122,9 +122,9 @@ def _compare_acceleration() -> list[VelocityRow]:
     """Filtered acceleration over the default estimator and over the first difference."""
     rows = []
     for motion in ("1 Hz, 0.5 rad/s", "hand"):
-        sines = MOTIONS[motion]
+        sines = VELOCITY_MOTIONS[motion]
         t = times()
-        counts = np.floor(position(sines, t) / _RESOLUTION).astype(np.int64)
+        counts = np.floor(true_position(sines, t) / _RESOLUTION).astype(np.int64)
         for label, name in _SOURCES:
             speed = _follow(name, {}, counts)
             for cutoff in _CUTOFFS:
@@ -134,7 +134,7 @@ def _compare_acceleration() -> list[VelocityRow]:
                     method.update(speed[k : k + 1], 1, out)
                     found[k] = out[0]
                 rows.append(
-                    judge(
+                    judge_estimate(
                         f"{label}, {cutoff:.0f} Hz", motion, t, found, partial(acceleration, sines)
                     )
                 )
@@ -152,7 +152,7 @@ def _follow(name: str, options: dict[str, object], counts: np.ndarray) -> FloatA
     return found * _RESOLUTION / _PERIOD
 
 
-def judge(
+def judge_estimate(
     label: str,
     motion: str,
     t: FloatArray,
@@ -181,11 +181,11 @@ def report() -> str:
             *_HEAD,
             "## Velocity [rad/s]",
             "",
-            *table(compare(), 4),
+            *velocity_table(compare_estimators(), 4),
             "",
             "## Acceleration [rad/s^2]: low-pass filtered first difference of the velocity",
             "",
-            *table(_compare_acceleration(), 2),
+            *velocity_table(_compare_acceleration(), 2),
             "",
             *_TAKE,
         ]
@@ -209,7 +209,7 @@ fit and best fit differ at low speed alone. Acceleration is usable only over a f
 """.splitlines()
 
 
-def table(rows: list[VelocityRow], digits: int) -> list[str]:
+def velocity_table(rows: list[VelocityRow], digits: int) -> list[str]:
     """Rows in Markdown, with so many digits."""
     lines = [
         "| motion | estimator | error | delay [ms] | noise | worst |",
@@ -245,7 +245,7 @@ def command(args: argparse.Namespace) -> Found:
     data = {
         "rows": [
             vars(r) | {"delay_ms": None if r.delay_ms != r.delay_ms else r.delay_ms}
-            for r in compare()
+            for r in compare_estimators()
         ]
     }
     return f"{text}\nOne update of three channels on this machine\n{cost}", dict(data)

@@ -25,8 +25,8 @@ from hil.runtime.board import Ring
 from hil.runtime.clock import VirtualClock
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import arranged
-from hil.runtime.runner import run
-from hil.signals.bus import Bus, Step
+from hil.runtime.runner import run_session
+from hil.signals.bus import BackgroundStep, Bus
 from hil.signals.device import FloatArray
 from hil.signals.frame import FrameLayout
 from hil.terminal import Found
@@ -158,7 +158,7 @@ def _time_the_far_end(bench: Any, watch: Stopwatch) -> None:
     real = bench.buses
 
     def buses(plan: Any) -> dict[str, Bus]:
-        def timed_run(bus: Bus) -> Callable[[str, Step], Callable[[], None]]:
+        def timed_run(bus: Bus) -> Callable[[str, BackgroundStep], Callable[[], None]]:
             return lambda name, step: bus.run(name, watch.timed(f"box {name}", step))
 
         return {kind: replace(bus, run=timed_run(bus)) for kind, bus in real(plan).items()}
@@ -208,24 +208,24 @@ def _measure(
     return rows
 
 
-def session(rig_name: str = "teleop", seconds: float = _REAL_S) -> Cost:
+def _tick_times(rig_name: str = "teleop", seconds: float = _REAL_S) -> Cost:
     """Whole ticks of a session in real time, as it recorded them: between them the loop sleeps."""
     config = load_rig(rig_path(rig_name), {"backend": "sim-wire"})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.mcap"
-        run(config, seconds, clock="real", output=path)
+        run_session(config, seconds, clock="real", output=path)
         busy = read_fields(path, "/loop/timing")[1]["busy"] * 1e-3
     return Cost(SESSION, float(np.median(busy)), float(np.percentile(busy, 99)))
 
 
-def speed(backend: str, rig_name: str = "teleop", seconds: float = _SECONDS) -> Speed:
+def session_speed(backend: str, rig_name: str = "teleop", seconds: float = _SECONDS) -> Speed:
     """Speed of a whole session, opening and recording included, compiled code loaded before."""
     config = load_rig(rig_path(rig_name), {"backend": backend, "loop": {"clock": "lockstep"}})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.mcap"
-        run(config, 0.5, output=path)
+        run_session(config, 0.5, output=path)
         wall, cpu = time.perf_counter(), time.process_time()
-        run(config, seconds, output=path)
+        run_session(config, seconds, output=path)
         return Speed(
             backend, seconds / (time.perf_counter() - wall), seconds / (time.process_time() - cpu)
         )
@@ -233,8 +233,8 @@ def speed(backend: str, rig_name: str = "teleop", seconds: float = _SECONDS) -> 
 
 def command(args: argparse.Namespace) -> Found:
     """Microseconds a tick of every driver on its simulated wire; speed of lockstep sessions."""
-    ticks = [*costs(), session()]
-    speeds = [speed(backend) for backend in _SPEEDS]
+    ticks = [*costs(), _tick_times()]
+    speeds = [session_speed(backend) for backend in _SPEEDS]
     rows = [[c.name, f"{c.median:.1f}", f"{c.p99:.1f}"] for c in ticks]
     whole, real = ticks[-2].p99, ticks[-1].p99
     text = terminal.table(["a tick of rigs/teleop.toml, sim-wire", "median us", "p99 us"], rows)

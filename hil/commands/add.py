@@ -7,7 +7,7 @@ import argparse
 from hil import terminal
 from hil.commands import common
 from hil.diagnosis import verbs
-from hil.diagnosis.attribution import impossible
+from hil.diagnosis.attribution import impossible_values
 from hil.diagnosis.verbs import Rung, rising, useless
 from hil.errors import ConfigError
 from hil.models.model import Value
@@ -49,13 +49,13 @@ def run(args: argparse.Namespace) -> int:
     sessions = [*args.sessions, *(s for group in args.session for s in group)]
     if not sessions:
         raise ConfigError(f"no session is given to fit; for example: {EXAMPLE}")
-    runs, held, model = common.load(args, sessions)
+    runs, held, model = common.load_inputs(args, sessions)
     joints = tuple(args.joint) or ("*",)
     rungs = verbs.add(runs, model, args.effect, joints, held)
     if args.output:
         common.save_model(rungs[1].step.result.model, args.output)
     idle, worse = _idle(args.joint, *rungs), rising(list(rungs))
-    odd = impossible(rungs[1].step.result, args.effect)
+    odd = impossible_values(rungs[1].step.result, args.effect)
     if args.json:
         data = {"schema": "hil.add/1", "ladder": ladder_json(list(rungs))}
         warnings = [{"code": "no-benefit", "text": w} for w in idle]

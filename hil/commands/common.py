@@ -201,7 +201,7 @@ def list_names(parser: argparse.ArgumentParser, rows: Mapping[str, NamedFunction
     parser.description = "\n".join([parser.description or "", "", "NAME is one of", *told])
 
 
-def load(
+def load_inputs(
     args: argparse.Namespace, sessions: Sequence[str] | None = None
 ) -> tuple[list[Recording], list[Recording], RobotModel]:
     """Sessions, held-out sessions and model of a command line.

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Compare and print."""
     if args.like and not args.as_is:
         raise ConfigError("--like is of --as-is: without it each run is given values of its own")
-    runs, held, model = common.load(args)
+    runs, held, model = common.load_inputs(args)
     found = verbs.compare(runs, model, held, as_is=args.as_is, like=args.like)
     common.deliver(
         args, lambda path: _report(found, path), lambda: comparison_json(found), lambda: text(found)

@@ -86,7 +86,7 @@ def _record(folder: Path, k: int, seed: int, effect: str, joint: str) -> Path:
     """One session; a session of an earlier demo is replaced, any other is kept aside."""
     target, rig = folder / SESSIONS[k], rig_path("identify")
     outputs.keep_unless(target, "session", {"rig": load_rig(rig).name, "clock": "lockstep"})
-    return hidden.session(rig, folder, seed, seed, effect, joint).rename(target)
+    return hidden.identification_session(rig, folder, seed, seed, effect, joint).rename(target)
 
 
 def _end(args: argparse.Namespace, d: Diagnosis, truth: str, folder: Path, seconds: float) -> int:

@@ -14,8 +14,8 @@ from hil import outputs, registry, terminal
 from hil.errors import ConfigError, unknown
 from hil.models import catalogue
 from hil.report import elements as html
-from hil.report.html import written_by
-from hil.rig.check import described
+from hil.report.html import program_rows
+from hil.rig.check import arm_description
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import build_controller
 from hil.runtime import session
@@ -27,7 +27,7 @@ from hil.teleop import (
     rig_designs,
     summary,
 )
-from hil.teleop.architecture import FORCE, MOTION, Design
+from hil.teleop.architecture import FORCE_GAINS, MOTION, Design
 from hil.teleop.optimise import OptimisedDesign
 from hil.teleop.rig_designs import ArmImpedances
 from hil.teleop.sampled_loop import SampledLoop
@@ -63,12 +63,12 @@ _DECIDES = (
 )
 
 
-def text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: str) -> str:
+def _text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: str) -> str:
     """Everything for a terminal."""
     head = ["", *(f"axis {loop.axis}" for loop in loops)]
-    lines = [f"design {found[0].name}", "", terminal.table(head, gains(loops)), ""]
+    lines = [f"design {found[0].name}", "", terminal.table(head, _gain_rows(loops)), ""]
     lines.append(terminal.table([*head, "goal"], merits(found)))
-    told = missed(found)
+    told = _missed(found)
     lines += ["", f"  {_DECIDES}", "  transparent: " + ("yes" if not told else "no")]
     lines += [f"    {m}" for m in told]
     lines.append(f"  decisive pair: {found[0].margins.pair}")
@@ -76,7 +76,7 @@ def text(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
     return "\n".join(lines)
 
 
-def missed(found: Sequence[DesignSummary]) -> list[str]:
+def _missed(found: Sequence[DesignSummary]) -> list[str]:
     """Missed conditions of transparency, each once with the axes that miss it."""
     axes: dict[str, list[str]] = {}
     for s in found:
@@ -85,11 +85,11 @@ def missed(found: Sequence[DesignSummary]) -> list[str]:
     return [f"axis {', '.join(names)}: {condition}" for condition, names in axes.items()]
 
 
-def gains(loops: Sequence[SampledLoop]) -> list[list[str]]:
+def _gain_rows(loops: Sequence[SampledLoop]) -> list[list[str]]:
     """Rows of gains, one column an axis."""
     designs = [loop.design for loop in loops]
     rows = []
-    for name in sorted((*MOTION, *FORCE)):
+    for name in sorted((*MOTION, *FORCE_GAINS)):
         rows.append([f"{name}{' (k, b, a)' if name in MOTION else ''}", *_cells(designs, name)])
     for role in ("master", "slave"):
         rows.append([f"{role} mass [kg]", *(f"{getattr(d, role).m:.4g}" for d in designs)])
@@ -98,7 +98,7 @@ def gains(loops: Sequence[SampledLoop]) -> list[list[str]]:
 
 def _cells(designs: Sequence[Design], name: str) -> list[str]:
     values = [getattr(d, name) for d in designs]
-    if name in FORCE:
+    if name in FORCE_GAINS:
         return [f"{v:.4g}" for v in values]
     return [f"{v.k:.4g}, {v.b:.4g}, {v.a:.4g}" for v in values]
 
@@ -159,16 +159,16 @@ def page(loops: Sequence[SampledLoop], found: Sequence[DesignSummary], trouble: 
         ),
     )
     body = f"<h1>{_TITLE}</h1>" + _verdict(found, trouble)
-    body += html.section("Gains", html.table(head, gains(loops)))
-    body += html.section("Figures of merit", html.table([*head, "goal"], merits(found)))
+    body += html.section("Gains", html.html_table(head, _gain_rows(loops)))
+    body += html.section("Figures of merit", html.html_table([*head, "goal"], merits(found)))
     body += html.section("Plots", *(embed(f, name, said) for f, name, said in figures))
-    body += html.section("Provenance", html.table(["", ""], written_by(), (0, 1)))
+    body += html.section("Provenance", html.html_table(["", ""], program_rows(), (0, 1)))
     return html.document(_TITLE, body)
 
 
 def _verdict(found: Sequence[DesignSummary], trouble: str) -> str:
     """What `hil design` says of a design: whether it may run, and whether it is transparent."""
-    told = missed(found)
+    told = _missed(found)
     lines = [f"Refused: {trouble}."] if trouble else []
     lines.append(
         f"It is not transparent: {'; '.join(told)}."
@@ -203,14 +203,14 @@ EXAMPLE = (
 _REPORT = "design"
 #: The law, its schemes by what `--design` calls them, and what each of them costs.
 _DELAYED = "delayed"
-SCHEMES: Mapping[str, str] = {
+SCHEME_COSTS: Mapping[str, str] = {
     "passivity": "half of the stiffness even without delay, a third at 30 ms, a tenth at 300 ms",
     "waves": "soft beyond 10 ms: the stiffness felt is about `wave` over the delay",
     "tanks": "as passivity, with more drag; little stiffness is left at 300 ms",
     "model": "nothing while the environment stands still; a new contact is felt a round trip late",
 }
 #: What --set takes of it: its numbers and its channels.
-NUMBERS = (
+SETTABLE_NUMBERS = (
     "stiffness",
     "damping",
     "force_scale",
@@ -232,7 +232,7 @@ NUMBERS = (
     "backward",
 )
 #: Designs that are made by name, those that are searched for, and laws over a delay.
-CHOICES = (*architecture.DESIGNS, "transparent", "optimised", *SCHEMES)
+CHOICES = (*architecture.DESIGNS, "transparent", "optimised", *SCHEME_COSTS)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -242,7 +242,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--design",
         choices=CHOICES,
         help="named design; transparent and optimised are searched for; "
-        f"{', '.join(SCHEMES)} are laws over a channel with delay; default: the "
+        f"{', '.join(SCHEME_COSTS)} are laws over a channel with delay; default: the "
         "controller of the rig file",
     )
     parser.add_argument(
@@ -253,7 +253,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
         f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1; of a law "
-        f"over a delay: {', '.join(NUMBERS)}",
+        f"over a delay: {', '.join(SETTABLE_NUMBERS)}",
     )
     parser.add_argument("--fsf", action="store_true", help="transform it to need no force sensor")
     parser.add_argument(
@@ -281,7 +281,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_rig(args.rig)
     if config.controller.name in COUPLINGS and args.design is None:
         return _judge_coupling(args, config)
-    over_delay = args.design in SCHEMES
+    over_delay = args.design in SCHEME_COSTS
     for arm in config.controller.arms:
         if len(config.arms[arm].joints) != 3:
             raise ConfigError(
@@ -290,8 +290,8 @@ def run(args: argparse.Namespace) -> int:
                 "own URDFs, are judged as the rig file has them, without --design"
             )
     if over_delay or (args.design is None and config.controller.name == _DELAYED):
-        return _judge_delayed(args, config, rig_designs.settings(args.set, NUMBERS))
-    settings = rig_designs.settings(args.set)
+        return _judge_delayed(args, config, rig_designs.design_settings(args.set, SETTABLE_NUMBERS))
+    settings = rig_designs.design_settings(args.set)
     parameters, notes = _parameters(args, config, settings)
     law_type = registry.load("hil.controllers", "lawrence").Config
     law = parse(law_type, parameters, "controller.parameters")
@@ -309,7 +309,7 @@ def run(args: argparse.Namespace) -> int:
         terminal.emit(_json(parameters, found, trouble) | {"active": notes})
     else:
         notes = [*notes, *_channels(law, period)]
-        terminal.out(text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
+        terminal.out(_text(loops, found, trouble) + "".join(f"\n  {n}" for n in notes))
     if trouble:
         raise ConfigError(f"{args.output or 'this design'} is {_not(args.output)}: {trouble}")
     if args.output:
@@ -344,7 +344,7 @@ def _judge_coupling(args: argparse.Namespace, config: RigConfig) -> int:
     known = registry.load("hil.controllers", name)
     law = parse(known.Config, config.controller.parameters, "controller.parameters")
     arms, period = config.controller.arms, config.loop.period_ns * 1e-9
-    robots = tuple(described(config.arms[arm]) for arm in arms)
+    robots = tuple(arm_description(config.arms[arm]) for arm in arms)
     found = known.margin(law, arms, period, robots)
     trouble = ""
     try:
@@ -481,7 +481,7 @@ def delayed_text(
             *(loop if ringing else ()),
             "",
             "  delay          " + ("\n" + 17 * " ").join(_CHANNEL[law.scheme]),
-            f"  what it costs  {SCHEMES[law.scheme]}",
+            f"  what it costs  {SCHEME_COSTS[law.scheme]}",
             "                 drag and stiffness of all schemes over delay: 'hil bench teleop'",
             f"  {verdict}",
         ]
@@ -530,10 +530,10 @@ def _parameters(
         ]
     else:
         scales = {k: getattr(base, k) for k in rig_designs.SCALES}
-        designs = rig_designs.designs(args.design, scales | wishes, arms)
+        designs = rig_designs.axis_designs(args.design, scales | wishes, arms)
     if args.fsf:
         designs = _without_sensors(base, designs, period)
-    return given | law_parameters.table(designs), notes
+    return given | law_parameters.law_table(designs), notes
 
 
 def _without_sensors(base: Any, designs: Sequence[Design], period: float) -> list[Design]:
@@ -541,7 +541,7 @@ def _without_sensors(base: Any, designs: Sequence[Design], period: float) -> lis
     loops = law_parameters.loops_of(dataclasses.replace(base, forces="measured"))
 
     def runs(near: Design) -> bool:
-        gains = {c: getattr(near, c) for c in FORCE}
+        gains = {c: getattr(near, c) for c in FORCE_GAINS}
         made = [force_sensor_free.transform(dataclasses.replace(d, **gains)) for d in designs]
         return all(
             gate.passes(dataclasses.replace(loop, design=d), period)
@@ -613,7 +613,7 @@ def _json(
         "schema": "hil.design/1",
         "parameters": session.plain(parameters),
         "refused": trouble,
-        "axes": [terminal.finite(dataclasses.asdict(s)) for s in found],
+        "axes": [terminal.json_value(dataclasses.asdict(s)) for s in found],
     }
 
 

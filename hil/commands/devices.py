@@ -11,7 +11,7 @@ from dataclasses import replace
 from types import ModuleType
 
 from hil import registry, terminal
-from hil.commands.run import named
+from hil.commands.run import with_rig_name
 from hil.errors import ConfigError, HilError
 from hil.rig import boxes
 from hil.rig.check import check_tables
@@ -22,10 +22,10 @@ from hil.signals.bus import Bus
 
 # What is attached and reachable: for a rig, box by box and device by device, or in general.
 
-Row = dict[str, str]
+DeviceRow = dict[str, str]
 
 
-def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
+def _device_row(name: str, driver: str, backend: str, reachable: str, what: str) -> DeviceRow:
     """One line of the table; `reachable` is yes, no, or none where nothing was asked for."""
     return {
         "device": name,
@@ -36,34 +36,36 @@ def row(name: str, driver: str, backend: str, reachable: str, what: str) -> Row:
     }
 
 
-def everything() -> list[Row]:
+def everything() -> list[DeviceRow]:
     """What every driver of a box finds on its bus, and the devices that are wired to boxes."""
     rows = []
     for name in sorted(registry.names("hil.boxes")):
         try:
             module = registry.load("hil.boxes", name)
         except HilError as error:
-            rows.append(row("-", name, "-", "no", f"{error} {EXTRA}"))
+            rows.append(_device_row("-", name, "-", "no", f"{error} {EXTRA}"))
         else:
             rows += list(_on_the_bus(name, module))
     for name in sorted(registry.names("hil.drivers")):
-        rows.append(row("-", name, "sim", "yes", "simulated, or wired to boxes"))
+        rows.append(_device_row("-", name, "sim", "yes", "simulated, or wired to boxes"))
     return rows
 
 
-def _on_the_bus(name: str, module: ModuleType) -> Iterator[Row]:
+def _on_the_bus(name: str, module: ModuleType) -> Iterator[DeviceRow]:
     if not hasattr(module, "attached"):
-        yield row("-", name, module.BUS, "none", UNLISTED.format(bus=module.BUS))
+        yield _device_row("-", name, module.BUS, "none", UNLISTED.format(bus=module.BUS))
         return
     try:
         found = module.attached(Bus(module.BUS))
     except HilError as error:
-        yield row("-", name, module.BUS, "no", str(error))
+        yield _device_row("-", name, module.BUS, "no", str(error))
         return
     for one in found:
-        yield row(one.address or "-", name, module.BUS, "yes" if one.usable else "no", one.what)
+        yield _device_row(
+            one.address or "-", name, module.BUS, "yes" if one.usable else "no", one.what
+        )
     if not found:
-        yield row("-", name, module.BUS, "none", _NOTHING.format(bus=module.BUS))
+        yield _device_row("-", name, module.BUS, "none", _NOTHING.format(bus=module.BUS))
 
 
 #: What a box whose library is missing needs.
@@ -75,7 +77,7 @@ _NOTHING = (
 )
 
 
-def check(config: RigConfig) -> list[Row]:
+def _reachability(config: RigConfig) -> list[DeviceRow]:
     """One row per box in use, then one per device; why it is not reachable and what to do.
 
     Raises
@@ -96,28 +98,28 @@ def check(config: RigConfig) -> list[Row]:
         broken = [b for b in _boxes_of(name, config) if b in trouble]
         problem = f"its {_list('box', broken)} cannot be used" if broken else whole
         what = problem or _ready(name, config)
-        rows.append(row(name, device.driver, backend, "no" if problem else "yes", what))
+        rows.append(_device_row(name, device.driver, backend, "no" if problem else "yes", what))
     return rows
 
 
-def _boxes(config: RigConfig) -> tuple[list[Row], dict[str, str]]:
+def _boxes(config: RigConfig) -> tuple[list[DeviceRow], dict[str, str]]:
     """Rows of the boxes, each opened alone, and what is wrong with them."""
     rows, trouble = [], {}
     used = boxes.backends(config)
     boxes.told_apart(config, used)
     bench = bench_of(config, 0) if "sim-wire" in used.values() else None
-    buses = bench.buses(boxes.plan(config)) if bench else {}
+    buses = bench.buses(boxes.wiring_plan(config)) if bench else {}
     for name, backend in used.items():
         table = config.boxes[name]
         try:
             with ExitStack() as stack:
-                box = boxes.open_box(config, name, backend, buses, stack)
-                what = boxes.describe(box)
+                box = boxes.open_simulated_or_real(config, name, backend, buses, stack)
+                what = boxes.describe_box(box)
         except HilError as error:
             _only_reach(error)
             what = trouble[name] = str(error)
         answer = "no" if name in trouble else "yes"
-        rows.append(row(name, table.driver, backend, answer, what))
+        rows.append(_device_row(name, table.driver, backend, answer, what))
     return rows, trouble
 
 
@@ -195,12 +197,12 @@ def run(args: argparse.Namespace) -> int:
         rows = everything()
     else:
         config = load_rig(args.rig)
-        with named(args.rig):
-            rows = check(config)
-        found = guard.standing(config.safety, args.rig)
+        with with_rig_name(args.rig):
+            rows = _reachability(config)
+        found = guard.watchdog_state(config.safety, args.rig)
         if found is not None:
             able, what = found
-            rows.append(row("watchdog", "cut", "-", "yes" if able else "no", what))
+            rows.append(_device_row("watchdog", "cut", "-", "yes" if able else "no", what))
     if args.json:
         sys.stdout.write(json.dumps({"schema": "hil.devices/1", "devices": rows}) + "\n")
     else:

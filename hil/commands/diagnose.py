@@ -19,11 +19,11 @@ from hil.diagnosis import engine, verbs
 from hil.diagnosis.artefacts import blurred_above
 from hil.diagnosis.constants import CONFIDENT, HALF, TENTH
 from hil.diagnosis.equivalence import at_issue_of, sets_of
-from hil.diagnosis.floor import told
+from hil.diagnosis.floor import function_sentences
 from hil.diagnosis.heldout import DIFFER
 from hil.diagnosis.types import Diagnosis, Finding
 from hil.diagnosis.verbs import Rung, rising
-from hil.diagnosis.verdict import NO_GEOMETRY, lateness, not_white, only_there
+from hil.diagnosis.verdict import NO_GEOMETRY, effort_lateness, not_white, only_there
 from hil.errors import plural
 from hil.identify.fit import in_units
 from hil.identify.multistep import MultiStep
@@ -36,13 +36,20 @@ from hil.models.parts import JOINT
 from hil.record.checks import OF_UNITS
 from hil.record.consistency import Note
 from hil.record.sources import find, passed_over
-from hil.report.data import Files, command, diagnosis_json, from_diagnosis, ladder_json, with_files
+from hil.report.data import (
+    Files,
+    add_command,
+    diagnosis_json,
+    from_diagnosis,
+    ladder_json,
+    with_files,
+)
 from hil.report.text import (
     ACCEPT,
     LEADING,
     TWO_ERRORS,
     corrections,
-    doubts,
+    effect_on_joint,
     ended,
     explains,
     floor_says,
@@ -54,7 +61,7 @@ from hil.report.text import (
     percent,
     remains,
     rest,
-    where,
+    unit_doubts,
 )
 
 #: Periods that a range must hold for a wave to be told as one.  Half: a slope over half the range
@@ -75,16 +82,18 @@ SENTENCES = {
 
 def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False, files: Files | None = None) -> str:
     """The diagnosis for a terminal; `verbose` also explains what no motion could ever tell."""
-    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict(d))}"]
+    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict_sentence(d))}"]
     if not d.ladder:
         return "\n".join([*lines, *dict.fromkeys(f"  {ended(w)}" for _, w in d.warnings)])
     if d.verdict == "not-identifiable":
         lines += [f"  {w}." for code, w in d.warnings if code != NO_GEOMETRY]
     else:
-        lines += [f"  {w}" for w in doubts(d.warnings)]
+        lines += [f"  {w}" for w in unit_doubts(d.warnings)]
     for f in d.findings:
         lines += ["", *_finding(f, d.result.problem.joints)]
-    lines += [f"  partial explanation: {where(f)} (no name: {f.reason})" for f in d.partial]
+    lines += [
+        f"  partial explanation: {effect_on_joint(f)} (no name: {f.reason})" for f in d.partial
+    ]
     lines += _left(d) + _corrections(d, files)
     beside = set(LEADING) - {NO_GEOMETRY}
     lines += dict.fromkeys(_line(w) for code, w in d.warnings if code in beside)
@@ -92,7 +101,7 @@ def text(d: Diagnosis, rungs: list[Rung], verbose: bool = False, files: Files | 
         lines += [f"  {floor_says(d.beyond)}"]
     if d.network:
         lines += ["", "How much of the remaining error functions without a name could explain"]
-        lines += [f"  - {line}" for line in told(d.network)]
+        lines += [f"  - {line}" for line in function_sentences(d.network)]
     lines += ["", ladder_text(d)]
     if d.result.model.explains == "motor":
         lines += ["", multi_text(rungs)]
@@ -136,20 +145,22 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
     if not d.ladder or d.verdict == "not-identifiable":
         return text(d, rungs)
     m = from_diagnosis(d)
-    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict(d))}"]
-    if doubtful := doubts(d.warnings):
+    lines = [*_lacks(d), f"Verdict: {_of_arm(d, verdict_sentence(d))}"]
+    if doubtful := unit_doubts(d.warnings):
         lines += ["", *(f"  {text}" for text in doubtful)]
     if d.findings:
         shown, others = _likely(d)
         lines += ["", _names_table(d, shown)]
         open_ = d.verdict == "ambiguous"
         with_rivals = [f for f in shown if f.rivals and (open_ or f.confidence < CONFIDENT)]
-        lines += [f"  rivals of {where(f)}: {', '.join(f.weighed_rivals)}" for f in with_rivals]
+        lines += [
+            f"  rivals of {effect_on_joint(f)}: {', '.join(f.weighed_rivals)}" for f in with_rivals
+        ]
         if others:
-            names = listed([f"{where(f)} ({f.confidence:.2f})" for f in others])
+            names = listed([f"{effect_on_joint(f)} ({f.confidence:.2f})" for f in others])
             lines.append(f"  of less than even odds, see --verbose: {names}")
         sure = [f for f in d.findings if f.confidence >= CONFIDENT]
-        noted = [(where(f), remark(f.effect, f.parameters)) for f in sure]
+        noted = [(effect_on_joint(f), remark(f.effect, f.parameters)) for f in sure]
         lines += [f"  {name}: {said}" for name, said in noted if said]
         lines += _alike(d, sure)
     lines += ["", _joints_table(d, rungs)]
@@ -157,14 +168,14 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
     beside = set(LEADING) - {NO_GEOMETRY}
     said += dict.fromkeys(w for code, w in d.warnings if code in beside)
     said += _worse(rising(rungs))
-    said += [f"{where(f)} has no name: {f.reason}" for f in d.partial if d.findings]
+    said += [f"{effect_on_joint(f)} has no name: {f.reason}" for f in d.partial if d.findings]
     if d.corrections:
         count = plural(len(d.corrections), "correction")
         said.append(f"The improved model also holds {count} without a name")
         said += laws(d.corrections, files)
     lines += ["", *map(_line, said)] if said else []
     lines += ["", "Next"]
-    typed = command(m, files).splitlines() if files and not done else []
+    typed = add_command(m, files).splitlines() if files and not done else []
     commands = [f"    {line}" for line in typed]
     if rising(rungs, 1 / HALF):
         lines.append(f"  - {_NO_SIMULATION}")
@@ -191,8 +202,8 @@ def _alike(d: Diagnosis, sure: list[Finding]) -> list[str]:
         others = [n for n in dict.fromkeys(others) if n != f.effect and n in catalogue.table()]
         if others:
             lines.append(
-                f"  {where(f)} acts like {listed(others)} in this motion: where both act, its "
-                "values hold the part of both"
+                f"  {effect_on_joint(f)} acts like {listed(others)} in this motion: where both "
+                "act, its values hold the part of both"
             )
     return lines
 
@@ -421,7 +432,7 @@ def _names_table(d: Diagnosis, shown: list[Finding] | None = None) -> str:
         value = _late(d, f) or _telling(f, _contribution(d, f), d.result.problem)
         rows.append(
             [
-                f"{where(f)}{OR_A_RIVAL * _is_less_likely(f)}",
+                f"{effect_on_joint(f)}{OR_A_RIVAL * _is_less_likely(f)}",
                 f"{f.confidence:.2f}",
                 f"{f.relative_before:.2f} -> {f.relative_after:.2f}",
                 percent(f.excess_explained),
@@ -433,7 +444,7 @@ def _names_table(d: Diagnosis, shown: list[Finding] | None = None) -> str:
     if max(map(len, table.splitlines())) > (terminal.width() or math.inf):
         table = terminal.table(head[:-1], [row[:-1] for row in rows], (0,))
         notes = [f"{row[0]}: {row[-1]}" for row in rows]
-    notes += [ERRORS] if any(_later(d, f) for f in shown) else []
+    notes += [ERROR_LEGEND] if any(_later(d, f) for f in shown) else []
     notes += [EXPLAINS] if any(f.excess_explained < OF_ALL for f in shown) else []
     return "\n  ".join([table, *notes])
 
@@ -457,7 +468,7 @@ def _late(d: Diagnosis, f: Finding) -> str:
         return ""
     problem = d.result.problem
     apart = 0.0 if problem.of_instants else 0.5 / min(problem.sources)
-    v = lateness(f, apart)
+    v = effort_lateness(f, apart)
     if not v.stderr < abs(v.value):
         return ""
     return f"late by {1e3 * v.value:.3g} +- {1e3 * v.stderr:.2g} ms"
@@ -474,7 +485,7 @@ def _later(d: Diagnosis, f: Finding) -> bool:
 
 #: Share of all that is to be explained below which the answer says of what it is one.
 OF_ALL = 0.01
-ERRORS = (
+ERROR_LEGEND = (
     "error %: before and after the effect, beside what was added before it; the first error of the "
     "table below is that of the given model"
 )
@@ -542,7 +553,7 @@ def _of_arm(d: Diagnosis, sentence: str) -> str:
     return sentence if arm in ("", "arm") else f"{sentence.removesuffix('.')} (arm {arm})."
 
 
-def verdict(d: Diagnosis) -> str:
+def verdict_sentence(d: Diagnosis) -> str:
     """The verdict as a sentence."""
     if d.verdict == "adequate" and any(code == DIFFER for code, _ in d.warnings):
         return (
@@ -607,7 +618,7 @@ def _apart(d: Diagnosis, verbose: bool) -> list[str]:
 
 def _finding(f: Finding, joints: tuple[str, ...]) -> list[str]:
     lines = [
-        f"  {where(f)}  (confidence {f.confidence:.2f})",
+        f"  {effect_on_joint(f)}  (confidence {f.confidence:.2f})",
         f"    held-out error {f'of {f.felt_on} ' if f.felt_on else ''}{f.relative_before:.2f} % -> "
         f"{f.relative_after:.2f} % "
         f"(standard error {f.se:.2g}); explains {percent(f.excess_explained)} % of the squared "
@@ -717,15 +728,15 @@ def run(args: argparse.Namespace) -> int:
     if _many(args):
         from hil.commands import groups  # only where there may be several
 
-        found = groups.groups(args)
+        found = groups.session_groups(args)
         if groups.several(args, found):
-            return groups.run(args, found, answer)
+            return groups.run_groups(args, found, group_answer)
     return concluded(args)
 
 
 def concluded(args: argparse.Namespace) -> int:
     """Diagnose sessions of one robot, print, and write the improved model where that is asked."""
-    runs, held, model = common.load(args)
+    runs, held, model = common.load_inputs(args)
     result = engine.diagnose(runs, model, held)
     # an unexplained excess leaves the model as it was; bad data leave none
     written = args.output if result.ladder else None
@@ -758,9 +769,9 @@ def _many(args: argparse.Namespace) -> bool:
     return asked or len(find([*args.sessions, *args.holdout])) > 1
 
 
-def answer(args: argparse.Namespace) -> dict[str, Any]:
+def group_answer(args: argparse.Namespace) -> dict[str, Any]:
     """JSON and short answer of one group of sessions, see `hil.commands.groups`."""
-    runs, held, model = common.load(args)
+    runs, held, model = common.load_inputs(args)
     result = engine.diagnose(runs, model, held)
     rungs = verbs.ladder(result)
     if result.ladder:

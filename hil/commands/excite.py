@@ -34,10 +34,10 @@ from hil.commands import common
 from hil.errors import ConfigError, plural, unknown
 from hil.excite import choose, trajectory
 from hil.excite.choose import (
-    LONGEST,
+    MOST_TIMES,
     NO_MOTION,
     NOISE,
-    SIZE,
+    UNKNOWN_EFFECT_SHARE,
     Choice,
     Option,
     decide,
@@ -46,14 +46,14 @@ from hil.excite.choose import (
     survey,
 )
 from hil.excite.question import (
-    BAND,
+    DEFAULT_BAND,
     Foreseen,
     Question,
     Rival,
     Space,
     Stage,
-    explore,
     foreseen,
+    joint_space_room,
     nominal,
     playable,
     refusal,
@@ -64,9 +64,9 @@ from hil.excite.trajectory import (
     Margin,
     Played,
     Trajectory,
-    grid,
     header,
     of_robot,
+    period_times,
     rounds,
     sample,
 )
@@ -246,7 +246,7 @@ def _design(model: RobotModel, stage: Stage) -> FourierDesign:
 
 def regressor(x: Trajectory, design: FourierDesign) -> FloatArray:
     """Weighted columns of the design on one period, shape (n d, p)."""
-    q, qd, qdd = sample(x, grid(x, _INSTANTS / _PERIOD))
+    q, qd, qdd = sample(x, period_times(x, _INSTANTS / _PERIOD))
     n, d = q.shape
     nothing = np.zeros_like(q)
     motion = design.frame.with_(
@@ -310,7 +310,9 @@ def given_stage(args: argparse.Namespace) -> tuple[RobotModel, Stage]:
     _refuse_many(len(robot.joints), args.rig)
     model = _model(args, given, source, robot)
     quantum = RESOLUTION * (limits.high - limits.low)
-    return model, Stage(explore(limits, robot), source, BAND, quantum, _seconds(args))
+    return model, Stage(
+        joint_space_room(limits, robot), source, DEFAULT_BAND, quantum, _seconds(args)
+    )
 
 
 def _refuse_many(joints: int, where: str) -> None:
@@ -390,7 +392,7 @@ def as_dict(
 ) -> dict[str, Any]:
     """`hil excite --json`; `table` is what --csv wrote."""
     limits = [
-        {"what": m.what, "used": m.used, "limit": terminal.finite(m.limit), "unit": m.unit}
+        {"what": m.what, "used": m.used, "limit": terminal.json_value(m.limit), "unit": m.unit}
         for m in margins
     ]
     return {
@@ -422,7 +424,7 @@ def _seconds(args: argparse.Namespace) -> float:
     return float(_SECONDS if args.seconds is None else args.seconds)
 
 
-def length(args: argparse.Namespace, motion: Trajectory) -> str:
+def _length_note(args: argparse.Namespace, motion: Trajectory) -> str:
     """Where the motion is not as long as was asked, why; nothing where nothing was asked."""
     asked, period = args.seconds, motion.period
     if asked is None or abs(period - asked) < 0.01 * asked:
@@ -451,7 +453,7 @@ def _assumed(question: Question, units: tuple[str, ...], model: RobotModel) -> s
     """What the menu takes for granted of what was not measured; units of the joints."""
     fitted = [r for r in question.rivals if r.name in model.names()]
     guessed = [r for r in question.rivals if r.name not in model.names()]
-    size = f"an effect of {100 * SIZE:g} % of the torque limit, " if guessed else ""
+    size = f"an effect of {100 * UNKNOWN_EFFECT_SHARE:g} % of the torque limit, " if guessed else ""
     said = [f"{size}a noise of {100 * NOISE:g} %", *(_shape(r, units) for r in guessed)]
     own = [_shape(r, units) or r.name for r in fitted]
     lines = [f"  of the model: {'; '.join(own)}"] if own else []
@@ -469,7 +471,7 @@ def _shape(rival: Rival, units: tuple[str, ...]) -> str:
     return f"{effect.name} with {', '.join(values)}" if values else ""
 
 
-def limits(margins: list[Margin], space: Space) -> str:
+def _limit_table(margins: list[Margin], space: Space) -> str:
     """Distance to each limit, and which of them nobody stated."""
     rows = []
     for m in margins:
@@ -515,7 +517,7 @@ def play(args: argparse.Namespace, rows: Played | None) -> str:
     return "\n".join(lines)
 
 
-def beside(motion: trajectory.Trajectory) -> str:
+def _beside_motion(motion: trajectory.Trajectory) -> str:
     """What to do with the session of a motion that leaves joints where they are."""
     if np.all(np.ptp(motion.via, axis=0) + np.abs(motion.series).sum(axis=(1, 2)) > 0):
         return ""
@@ -615,9 +617,9 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
     rows = _write(args, motion, stage, "identifies the model")
     if args.json:
         extra = {
-            "condition": terminal.finite(found.condition),
-            "condition_naive": terminal.finite(found.naive),
-            "condition_with_offset": terminal.finite(found.with_offset),
+            "condition": terminal.json_value(found.condition),
+            "condition_naive": terminal.json_value(found.naive),
+            "condition_with_offset": terminal.json_value(found.with_offset),
             "columns": found.columns,
         }
         terminal.emit(as_dict(args, motion, margins, rows, stage.space) | extra)
@@ -630,7 +632,7 @@ def _identify(args: argparse.Namespace, model: RobotModel, stage: Stage) -> int:
         f"{args.output}: identifies {found.columns} base and friction parameters, period "
         f"{motion.period:g} s\n  condition number {found.condition:.3g}; with one sine a joint "
         f"{naive}\n  beside a torque offset of each joint, as 'hil fit' has it, {offset}\n"
-        f"{length(args, motion)}\n{limits(margins, stage.space)}\n\n"
+        f"{_length_note(args, motion)}\n{_limit_table(margins, stage.space)}\n\n"
         f"{play(args, rows)}"
     )
     return 0
@@ -652,7 +654,7 @@ def _separate(
         raise ConfigError(_inseparable(names))
     best = _wanted(args, found)
     motion = _named(best.motion, names)
-    what = f"separates {_versus(names)}: {choose.describe(best.motion.name, joints)}"
+    what = f"separates {_versus(names)}: {choose.describe_motion(best.motion.name, joints)}"
     rows = _write(args, motion, stage, what)
     if args.json:
         listed = [
@@ -661,14 +663,14 @@ def _separate(
         ]
         terminal.emit(as_dict(args, motion, best.margins, rows, stage.space) | {"menu": listed})
         return 0
-    about = choose.describe(motion.name, joints)
+    about = choose.describe_motion(motion.name, joints)
     terminal.out(
         f"{args.output}: {motion.name}, {motion.period:.3g} s: {about}\n"
         f"  for {_versus(names)}\n{_assumed(asked, tuple(stage.space.robot.units), model)}\n"
-        f"{length(args, motion)}\n"
+        f"{_length_note(args, motion)}\n"
         f"{menu_table(found)}\n\n"
-        f"{limits(best.margins, stage.space)}\n\n{play(args, rows)}"
-        f"{beside(motion)}"
+        f"{_limit_table(best.margins, stage.space)}\n\n{play(args, rows)}"
+        f"{_beside_motion(motion)}"
     )
     return 0
 
@@ -687,8 +689,8 @@ def _wanted(args: argparse.Namespace, found: Choice) -> Option:
     options = {o.motion.name: o for o in found.options}
     if args.motion and args.motion not in options:
         raise ConfigError(
-            f"--motion {args.motion} would take more than {LONGEST:g} times as long as asked for, "
-            f"or needs more joints; there is {', '.join(options)}"
+            f"--motion {args.motion} would take more than {MOST_TIMES:g} times as long as asked "
+            f"for, or needs more joints; there is {', '.join(options)}"
         )
     return options[args.motion] if args.motion else found.best
 
@@ -718,10 +720,10 @@ def _named(motion: Trajectory, names: tuple[str, ...]) -> Trajectory:
 def _write(args: argparse.Namespace, motion: Trajectory, stage: Stage, what: str) -> Played | None:
     """Write the motion, and its table if one is wanted."""
     with outputs.writing(args.output):
-        trajectory.write(motion, args.output, f"Written by 'hil excite'; {what}.")
+        trajectory.write_trajectory(motion, args.output, f"Written by 'hil excite'; {what}.")
     if not args.csv:
         return None
-    rows = trajectory.played(motion, _seconds(args), _RATE, stage.space.limits.speed)
+    rows = trajectory.played_back(motion, _seconds(args), _RATE, stage.space.limits.speed)
     with outputs.writing(args.csv):
         trajectory.write_csv(rows, args.csv)
     return rows

@@ -24,7 +24,7 @@ from hil.commands.common import NamedFunction
 from hil.errors import ConfigError, DataError, plural
 from hil.experiments.pages import StudyPage, cells, made_with, means, picture
 from hil.experiments.pages import text as page_text
-from hil.experiments.replicate import FAILED, made_by, replicate, where
+from hil.experiments.replicate import FAILED, computer, made_by, replicate
 from hil.terminal import Found, silent
 from hil.userfile import write_text
 
@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run one study and print its table."""
-    where(args)
+    computer(args)
     if args.seeds is not None and args.seeds < 1:
         raise ConfigError(
             f"--seeds {args.seeds}: one or more is needed; leave it out for one run with --seed"
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     terminal.check_page(args.report)
     text, data = _study(args)
     if args.json:
-        terminal.emit({"schema": f"hil.experiment.{args.name}/1", **terminal.finite(data)})
+        terminal.emit({"schema": f"hil.experiment.{args.name}/1", **terminal.json_value(data)})
     else:
         terminal.out(text)
     return 0
@@ -96,7 +96,7 @@ def _every(args: argparse.Namespace) -> int:
             own.seeds, own.cluster, own.keep = 0, "", None
         began, used = time.perf_counter(), _processor()
         text, data = _study(own)
-        took[name], found[name] = time.perf_counter() - began, terminal.finite(data)
+        took[name], found[name] = time.perf_counter() - began, terminal.json_value(data)
         spent[name] = _processor() - used
         if not args.json:
             terminal.out(f"{text}\n")
@@ -197,7 +197,7 @@ def data_of(name: str, seed: int, quick: bool = False) -> dict[str, Any]:
     words = argparse.Namespace(name=name, seed=seed, quick=quick, workers=1, report=None)
     with silent():  # many say it together
         _, data = EXPERIMENTS[name].load()(words)
-    out: dict[str, Any] = terminal.finite(data)
+    out: dict[str, Any] = terminal.json_value(data)
     return out
 
 

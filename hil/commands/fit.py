@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--window, --free-run and --holdout belong to --simulate; add it")
     if args.window < 0:
         raise ConfigError(f"--window {args.window:g}: expected seconds above zero")
-    runs, held, model = common.load(args)
+    runs, held, model = common.load_inputs(args)
     for given in args.without:
         effect, _, joint = given.partition(":")
         model = model.without(effect, joint or "*", runs[0].joints)

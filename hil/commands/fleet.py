@@ -15,7 +15,7 @@ from hil import terminal
 from hil.bench import hidden
 from hil.commands import diagnose, groups
 from hil.errors import DeviceError, plural
-from hil.experiments.replicate import LostRun, counted, spread, where
+from hil.experiments.replicate import LostRun, computer, counted, spread
 from hil.record.mcap_read import load
 from hil.record.sources import robot_of
 from hil.revision import machine, peak
@@ -28,11 +28,13 @@ FLEET, CORES = 10_000, (2, 16, 128)
 
 def command(args: argparse.Namespace) -> Found:
     """What it costs to diagnose ten thousand sessions, measured on eleven of them."""
-    who, count = where(args), args.seeds or 1
+    who, count = computer(args), args.seeds or 1
     with tempfile.TemporaryDirectory() as folder:
         terminal.log(f"recording {plural(count * (len(hidden.EFFECTS) + 1), 'session')}")
         paths = [
-            hidden.session(Path(rig_path("identify")), Path(folder), seed, seed, effect, joint)
+            hidden.identification_session(
+                Path(rig_path("identify")), Path(folder), seed, seed, effect, joint
+            )
             for seed in range(1, count + 1)
             for effect, joint in (*hidden.EFFECTS, ("", "joint1"))
         ]
@@ -55,10 +57,10 @@ def command(args: argparse.Namespace) -> Found:
 
 def _timed(path: str) -> dict[str, float]:
     """Cost of one diagnosis in this process, as `hil diagnose --by session` does it."""
-    args = groups.alone(path, "follower")
+    args = groups.one_arm(path, "follower")
     began, wall = time.process_time(), time.perf_counter()
     with terminal.silent():
-        found = diagnose.answer(args)
+        found = diagnose.group_answer(args)
     return {
         "processor_s": time.process_time() - began,
         "wall_s": time.perf_counter() - wall,

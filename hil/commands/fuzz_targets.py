@@ -324,7 +324,7 @@ def _rigs() -> list[bytes]:
 
 
 def _trajectory(data: bytes, folder: Path) -> object:
-    return trajectory.read(_put(data, folder, "t.toml"))
+    return trajectory.read_trajectory(_put(data, folder, "t.toml"))
 
 
 def _trajectories() -> list[bytes]:
@@ -397,7 +397,7 @@ def _sessions() -> list[bytes]:
 
 
 def _replay(data: bytes, folder: Path) -> object:
-    return replay.played(read(_put(data, folder, "s.mcap")), folder)
+    return replay.played_boxes(read(_put(data, folder, "s.mcap")), folder)
 
 
 @cache
@@ -409,7 +409,7 @@ def _replays() -> list[bytes]:
         path = Path(folder) / "s.mcap"
         operator = runner.Operator([(0.005, "pause")], lambda text: None)
         rig = load_rig("teleop")
-        runner.run(rig, 0.02, clock="lockstep", output=path, operator=operator)
+        runner.run_session(rig, 0.02, clock="lockstep", output=path, operator=operator)
         return [path.read_bytes(), _plain_session(path, chunks=False)]
 
 
@@ -435,7 +435,7 @@ def _answer(data: bytes, folder: Path) -> object:
         b"4": lambda: netcanoem.counts_per_unit(rest),
         b"5": lambda: netcanoem.unit_codes(rest),
         b"6": lambda: netcanoem.firmware(rest),
-        b"7": lambda: usb_31xx.calibration(eight, "channel 0"),
+        b"7": lambda: usb_31xx.decode_calibration(eight, "channel 0"),
         b"8": lambda: usb_quad08.hex_records(rest.decode("utf-8", "replace"), "image"),
         b"9": lambda: netcanoem.describe_status(int.from_bytes(rest[:2], "big")),
     }
@@ -455,7 +455,7 @@ def _teleop() -> RigConfig:
 def _command(data: bytes, folder: Path) -> object:
     text = data.decode("utf-8", "replace")
     shop = Shop(None, _teleop())
-    return [commands.parse(line, shop) for _, line in commands.scheduled([text])]
+    return [commands.parse_command(line, shop) for _, line in commands.scheduled([text])]
 
 
 def _commands() -> list[bytes]:
@@ -510,9 +510,9 @@ def command(args: argparse.Namespace) -> Found:
         terminal.log(f"{target.name} ...")
         earlier = sum(one["name"] == target.name for one in turns)
         seed = 1000 * earlier + (args.seeds or 0)  # no turn repeats an earlier one
-        found = fuzz.guarded(target, 60 * args.minutes, seed)
+        found = fuzz.explore_guarded(target, 60 * args.minutes, seed)
         inputs += fuzz.keep([found], Path(FINDINGS))
-        turns.append(fuzz.turn(found, revision()))
+        turns.append(fuzz.remembered_turn(found, revision()))
         if kept:
             fuzz.remember(kept, turns[-1])
     sums = fuzz.summed(turns, [t.name for t in TARGETS])
@@ -521,8 +521,10 @@ def command(args: argparse.Namespace) -> Found:
     command = " ".join(["hil bench fuzz", f"--minutes {args.minutes:g}", *only, *again])
     revisions = list(dict.fromkeys(one["revision"] for one in turns))
     terminal.write_page(args.report, fuzz.page(sums, command, revisions))
-    said = f"{terminal.table(fuzz.HEAD, [e.row() for e in sums])}\n\n{fuzz.verdict(sums)}"
+    said = (
+        f"{terminal.table(fuzz.TABLE_HEAD, [e.row() for e in sums])}\n\n{fuzz.fuzz_verdict(sums)}"
+    )
     if inputs:
         said += f"; the inputs are in {FINDINGS}/: {', '.join(p.name for p in inputs)}"
-    rows = [dict(zip(fuzz.HEAD, e.row(), strict=True)) for e in sums]
+    rows = [dict(zip(fuzz.TABLE_HEAD, e.row(), strict=True)) for e in sums]
     return said, {"targets": rows, "inputs": [str(p) for p in inputs]}

@@ -21,7 +21,7 @@ from typing import Any
 from hil import terminal, work
 from hil.commands import common
 from hil.errors import ConfigError, HilError, plural
-from hil.experiments.replicate import FAILED, KeptRuns, LostRun, counted, made_by, spread, where
+from hil.experiments.replicate import FAILED, KeptRuns, LostRun, computer, counted, made_by, spread
 from hil.record.sources import RobotName, below, find, robot_of
 from hil.terminal import settings, silent
 from hil.userfile import read_text
@@ -72,7 +72,7 @@ class _Row:
     after: float = 0.0
 
 
-def groups(args: argparse.Namespace) -> list[RobotGroup]:
+def session_groups(args: argparse.Namespace) -> list[RobotGroup]:
     """Groups of the sessions of a command line, in the order of their first session.
 
     With --by a session that cannot be read is a group that says why; without, it is an error.
@@ -124,7 +124,7 @@ def several(args: argparse.Namespace, found: Sequence[RobotGroup]) -> bool:
     return bool(args.by or args.cluster or args.keep or len(found) > 1)
 
 
-def run(
+def run_groups(
     args: argparse.Namespace,
     found: Sequence[RobotGroup],
     work: Callable[[argparse.Namespace], Data],
@@ -136,7 +136,7 @@ def run(
     args : Namespace
         Of the command.
     found : sequence of RobotGroup
-        As `groups` gives them.
+        As `session_groups` gives them.
     work : callable
         Gives ``{"diagnosis": JSON, "text": short answer}`` of a command line of one group; a
         function of a module.
@@ -156,7 +156,7 @@ def run(
             f"-o is the model of one robot, and these are {plural(len(found), 'group')}; "
             "give the sessions of one"
         )
-    who = where(args)
+    who = computer(args)
     if not args.model:
         terminal.log("no --model given: the base model of each robot")
     began = time.perf_counter()
@@ -206,7 +206,7 @@ def _words(args: argparse.Namespace, group: RobotGroup) -> argparse.Namespace:
     )
 
 
-def alone(path: str, arm: str) -> argparse.Namespace:
+def one_arm(path: str, arm: str) -> argparse.Namespace:
     """The command line of one arm of one session, with the base model."""
     parser = argparse.ArgumentParser()
     common.add_sessions(parser)
@@ -242,7 +242,7 @@ def _said(
     """Rows of all groups; their JSON or short answers go out one by one."""
     rows = []
     if args.json:
-        terminal.write('{"schema": "hil.diagnose.groups/1", "groups": [\n')
+        terminal.write_stdout('{"schema": "hil.diagnose.groups/1", "groups": [\n')
     for k, (group, data) in enumerate(zip(found, answers, strict=True)):
         rows.append(_row(group, data))
         if args.json:
@@ -253,13 +253,13 @@ def _said(
                 **({FAILED: data[FAILED]} if FAILED in data else {"diagnosis": data["diagnosis"]}),
             }
             text = json.dumps(told, indent=2, allow_nan=False)
-            terminal.write(f"{text}{',' * (k + 1 < len(found))}\n")
+            terminal.write_stdout(f"{text}{',' * (k + 1 < len(found))}\n")
         elif len(found) <= _ANSWERS or args.verbose:
             heading = f"{group.label} ({plural(len(group.sessions), 'session')})"
             text = f"{_NOT}: {data[FAILED]}" if FAILED in data else data["text"]
             terminal.out(f"{heading}\n{'-' * len(heading)}\n{text}\n")
     if args.json:
-        terminal.write("]}\n")
+        terminal.write_stdout("]}\n")
     return rows
 
 

@@ -309,9 +309,9 @@ def _one(args: argparse.Namespace, output: Path, table: Path, found: Imported) -
     _write(output, found, table, args.tag)
     model = _model(place, found.recordings)
     if args.json:
-        terminal.write(json.dumps(as_dict(output, found, model)) + "\n")
+        terminal.write_stdout(json.dumps(as_dict(output, found, model)) + "\n")
     else:
-        terminal.write(terminal.sentences(text(output, found, *model)))
+        terminal.write_stdout(terminal.sentences(text(output, found, *model)))
     return 0
 
 
@@ -422,7 +422,7 @@ def _write_all(
         text = json.dumps(every_as_dict(found, model)) + "\n"
     else:
         text = terminal.sentences(every(folder, found, *model))
-    terminal.write(text)
+    terminal.write_stdout(text)
     return 0
 
 
@@ -548,7 +548,7 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
     if args.json:
         lacking = {"missing": list(found.missing), "fill": list(found.fill)}
         said = {"schema": "hil.propose-map/1", "map": str(place), "text": found.text}
-        terminal.write(json.dumps(said | lacking) + "\n")
+        terminal.write_stdout(json.dumps(said | lacking) + "\n")
         return 0
     lacks = ""
     if found.missing:
@@ -557,11 +557,11 @@ def _propose(args: argparse.Namespace, path: Path, mapping: TableMap | None) -> 
             "under [columns] (docs/import.md)"
         )
     if terminal.settings.quiet:
-        terminal.write(lacks.lstrip("\n") + ("\n" if lacks else ""))
+        terminal.write_stdout(lacks.lstrip("\n") + ("\n" if lacks else ""))
         return 0
     robot = ["--robot", args.robot] if args.robot else []
     words = shlex.join(["hil", "import", str(path), "--map", str(place), *robot, "--dry-run"])
-    terminal.write(f"{found.text}\n{place}: written, check it{lacks}\nnext:\n  {words}\n")
+    terminal.write_stdout(f"{found.text}\n{place}: written, check it{lacks}\nnext:\n  {words}\n")
     return 0
 
 
@@ -574,12 +574,12 @@ def _show(args: argparse.Namespace, found: Mapping[Path, Imported]) -> int:
     if args.json:
         shown = [_shown(one) for one in found.values()]
         several = {"schema": "hil.import-all/1", "sessions": shown}
-        terminal.write(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
+        terminal.write_stdout(json.dumps(several if len(shown) > 1 else shown[0]) + "\n")
         return 0
     said = "\n".join(preview(table, one) for table, one in found.items())
     guessed = any(note.startswith(GUESSED) for one in found.values() for note in one.notes)
     how = "" if guessed else "; to write it, give -o S.mcap instead of --dry-run"
-    terminal.write(terminal.sentences(f"{said}nothing was written{how}\n"))
+    terminal.write_stdout(terminal.sentences(f"{said}nothing was written{how}\n"))
     return 0
 
 

@@ -35,7 +35,7 @@ from hil.record.recording import BEGAN, BEGAN_BY, UNWRAPPED, Recording
 from hil.record.recovery import recover
 from hil.record.sources import every_arm, find, is_session, recorded, refuse_table_words
 from hil.rig import safety
-from hil.runtime.watchdog import WATCHDOG, beside, in_words, parsed
+from hil.runtime.watchdog import WATCHDOG, parsed_report, report_in_words, report_path
 from hil.userfile import read_text
 
 if TYPE_CHECKING:
@@ -138,12 +138,14 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         entries = [_as_dict(*entry) for entry in seen]
         entries += [{"path": path, **trust.entry(what)} for path, what in run_by]
-        terminal.write(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
+        terminal.write_stdout(json.dumps({"schema": "hil.info/1", "sessions": entries}) + "\n")
     else:
-        terminal.write(terminal.sentences("\n".join(_text(*entry) for entry in seen)))
-        terminal.write("".join(f"{path}: {trust.line(what)}\n" for path, what in run_by))
+        terminal.write_stdout(terminal.sentences("\n".join(_text(*entry) for entry in seen)))
+        terminal.write_stdout(
+            "".join(f"{path}: {trust.list_line(what)}\n" for path, what in run_by)
+        )
         idle = [path for path in files if path not in {p for p, _ in run_by}]
-        terminal.write("".join(f"{path}: runs nothing\n" for path in idle))
+        terminal.write_stdout("".join(f"{path}: runs nothing\n" for path in idle))
     if unread:
         sys.stdout.flush()
         raise unread[0] if len(unread) == 1 else DataError("\n".join(map(str, unread)))
@@ -180,9 +182,9 @@ def _recover(sessions: list[str], target: Path, as_json: bool) -> int:
     lost = {"unread_bytes": found.unread, "damaged_chunks": found.damaged}
     if as_json:
         entry = {"schema": "hil.info/1", "recovered": str(target), "messages": kept, **lost}
-        terminal.write(json.dumps(entry) + "\n")
+        terminal.write_stdout(json.dumps(entry) + "\n")
     else:
-        terminal.write(
+        terminal.write_stdout(
             f"{target}: {plural(kept, 'message')} recovered from {sessions[0]}; "
             f"{plural(found.unread, 'byte')} at its end and "
             f"{plural(found.damaged, 'damaged record')} could not be read\n"
@@ -273,15 +275,15 @@ def _as_dict(found: SessionSummary, arms: list[_Arm]) -> dict[str, object]:
 
 def _trip(found: SessionSummary) -> dict[str, Any] | None:
     """What the watchdog did in a session: in its record, or beside one that was killed."""
-    recorded = parsed(str(found.metadata.get(WATCHDOG, {}).get("report", "")))
+    recorded = parsed_report(str(found.metadata.get(WATCHDOG, {}).get("report", "")))
     if recorded:
         return recorded
     path = Path(found.path)
     # of a session in parts it stands beside the first
     first = path.with_name(Path(found.metadata.get("part", {}).get("first", "") or path).name)
-    for report in dict.fromkeys((beside(path), beside(first))):
+    for report in dict.fromkeys((report_path(path), report_path(first))):
         try:
-            if told := parsed(read_text(report)):
+            if told := parsed_report(read_text(report)):
                 return told
         except FileNotFoundError:
             continue
@@ -319,7 +321,7 @@ def _end(found: SessionSummary) -> list[str]:
 def _executables(found: SessionSummary) -> list[str]:
     """What the files within the session name that could run."""
     inside = {"model.toml", "rig.toml"} & set(found.attachments)
-    return trust.named(read_attachments(found.path)) if inside else []
+    return trust.named_in_session(read_attachments(found.path)) if inside else []
 
 
 def _arm_dict(arm: _Arm) -> dict[str, object]:
@@ -394,7 +396,7 @@ def _text(found: SessionSummary, arms: list[_Arm]) -> str:
     lines += loop_lines(found)
     lines += [*_stops(found), *_end(found)]
     trip, named = _trip(found), _executables(found)
-    lines += [f"  {in_words(trip)}", ""] if trip else []
+    lines += [f"  {report_in_words(trip)}", ""] if trip else []
     lines += [f"  {text}; reading the session runs nothing of it" for text in named]
     if not arms:
         lines += ["  no arm: no /<name>/measured_js channel, so there is nothing to fit", ""]

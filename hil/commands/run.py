@@ -33,13 +33,13 @@ from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import Rig, open_rig
 from hil.runtime import runner
 from hil.runtime.board import BoardWriter
-from hil.runtime.commands import COMMANDS, scheduled
+from hil.runtime.commands import OPERATOR_COMMANDS, scheduled
 from hil.toml import merge
 from hil.ui import desk
 
 
 @contextlib.contextmanager
-def named(path: str) -> Iterator[None]:
+def with_rig_name(path: str) -> Iterator[None]:
     """Put the name of the rig file in front of a `ConfigError`."""
     try:
         yield
@@ -51,7 +51,7 @@ def opener(path: str) -> Callable[[RigConfig, int], Rig]:
     """`hil.rig.open.open_rig` whose mistakes have the name of the rig file."""
 
     def opened(config: RigConfig, seed: int) -> Rig:
-        with named(path):
+        with with_rig_name(path):
             return open_rig(config, seed)
 
     return opened
@@ -104,7 +104,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--operator",
         action="store_true",
-        help=f"take commands from the terminal, a line each: {', '.join(COMMANDS)}",
+        help=f"take commands from the terminal, a line each: {', '.join(OPERATOR_COMMANDS)}",
     )
     parser.add_argument(
         "--wait", action="store_true", help="begin without torque and wait for the command start"
@@ -152,18 +152,18 @@ def run(args: argparse.Namespace) -> int:
     outputs.check(args.output, ".mcap", [args.rig, *([args.trajectory] if args.trajectory else [])])
     real = (args.clock or config.clock) == "real"
     if real and not (args.json or args.board or args.plain) and desk.is_terminal():
-        return desk.show(_typed(args))
+        return desk.run_behind_screen(_typed(args))
     before, began_ns = _stamp(args.output), time.time_ns()
     with saying(lambda: _broken_off(args, before, began_ns)):
         summary = _with_bar(config, args)
     # totals are in the last file, which may have been taken away as any other
     last = [path for path in (summary.path, *summary.parts) if Path(path).exists()][-1:]
-    for line in (line for path in last for line in differences(path)):
+    for line in (line for path in last for line in replay_differences(path)):
         sys.stderr.write(line + "\n")
     if args.json:
         sys.stdout.write(json.dumps(summary.as_dict()) + "\n")
     else:
-        sys.stdout.write(table(summary) + "\n")
+        sys.stdout.write(_closing_table(summary) + "\n")
     return ENDED_PAUSED if summary.paused else 0
 
 
@@ -246,7 +246,7 @@ def _without_rows(path: str) -> bool:
     return False  # it was not closed properly, and is not judged
 
 
-def differences(path: str) -> list[str]:
+def replay_differences(path: str) -> list[str]:
     """Where the drivers asked something else than in the recording that answered for a box."""
     lines = []
     for name, told in mcap_read.read_metadata(path).items():
@@ -263,7 +263,7 @@ def _played(args: argparse.Namespace) -> dict[str, Any]:
     """Tables that --trajectory puts over the rig file: the motion, and once through it."""
     if not args.trajectory:
         return {}
-    period = trajectory.read(args.trajectory).period
+    period = trajectory.read_trajectory(args.trajectory).period
     return {
         "controller": {"parameters": {"trajectory": args.trajectory}},
         # a second before it to go to its start
@@ -318,7 +318,7 @@ def _with_bar(config: RigConfig, args: argparse.Namespace) -> runner.Summary:
             bar.update(done)
 
         try:
-            return runner.run(
+            return runner.run_session(
                 config,
                 args.seconds,
                 args.seed,
@@ -371,7 +371,7 @@ def _lines(take: Callable[[str], None], shown: bool = False) -> None:
     threading.Thread(target=read, name="operator", daemon=True).start()
 
 
-def table(summary: runner.Summary) -> str:
+def _closing_table(summary: runner.Summary) -> str:
     """Closing table of a session."""
     speed = summary.seconds / max(summary.wall_seconds, 1e-9)
     rows = [

@@ -21,9 +21,9 @@ from hil.rig.config import RigConfig, load_rig
 from hil.rig.open import ArmPort, Rig, open_rig
 from hil.runtime import guard
 from hil.runtime.clock import Clock
-from hil.runtime.guard import Watchdog, guarded
+from hil.runtime.guard import Watchdog, guarded_session
 from hil.runtime.runner import CLOCKS, unwinding_signals
-from hil.runtime.watchdog import in_words
+from hil.runtime.watchdog import report_in_words
 from hil.signals.device import Device, FloatArray, Status
 
 # Device by device: first without motor power, then every motor at a small torque.
@@ -92,7 +92,7 @@ def selftest(
     opener : callable
         Opens the rig.
     source, rearm : str, bool
-        As of `hil.runtime.runner.run`.
+        As of `hil.runtime.runner.run_session`.
 
     Yields
     ------
@@ -109,7 +109,7 @@ def selftest(
     """
     if not _SMALLEST <= torque <= _LARGEST:
         raise ConfigError(f"--torque {torque:g}: {_SMALLEST} to {_LARGEST} N m is needed.")
-    passed, found = True, guard.standing(config.safety, source, rearm)
+    passed, found = True, guard.watchdog_state(config.safety, source, rearm)
     if found is not None:
         passed, text = found
         yield TestStep("watchdog", "program", passed, text)
@@ -120,7 +120,7 @@ def selftest(
     try:
         bench = _Bench(rig, config)
         for name, box in rig.boxes.items():
-            yield TestStep(name, "box", True, boxes.describe(box))
+            yield TestStep(name, "box", True, boxes.describe_box(box))
         for step in bench.without_power():
             passed &= step.passed
             yield step
@@ -133,7 +133,7 @@ def selftest(
         if allowed():
             with (
                 tempfile.TemporaryDirectory() as folder,
-                guarded(config.safety, Path(folder, "selftest"), source, rearm) as watchdog,
+                guarded_session(config.safety, Path(folder, "selftest"), source, rearm) as watchdog,
             ):
                 bench.watchdog = watchdog
                 yield from bench.with_power(torque)
@@ -236,7 +236,7 @@ class _Bench:
         while watchdog.alive and time.monotonic() < until:
             self.step()
         trip = watchdog.proved()
-        text = in_words(trip) if trip else "it did not act when the loop stopped"
+        text = report_in_words(trip) if trip else "it did not act when the loop stopped"
         yield TestStep("watchdog", "cut", bool(trip.get("worked")), text)
         if not (self.config.hardware and trip.get("worked")):
             return

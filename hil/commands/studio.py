@@ -23,7 +23,7 @@ from hil.studio.workbench import Inputs, Workbench
 from hil.studio.worker import Worker
 from hil.terminal import Found
 from hil.userfile import write_text
-from hil.web.site import LOOPBACK, Hosts, serve, site
+from hil.web.site import LOOPBACK, Hosts, serve_until_interrupt, site
 
 EXAMPLE = "hil studio run1.mcap --holdout run2.mcap --model arm.toml"
 
@@ -60,7 +60,7 @@ def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
             if value:
                 raise ConfigError(f"{option} goes with sessions; name them, or leave it out")
         return None, ""
-    runs, held, model = common.load(args)
+    runs, held, model = common.load_inputs(args)
     named = tuple(args.sessions), tuple(args.holdout)
     return Inputs(tuple(runs), tuple(held), model, *named, args.model or "", args.arm or ""), ""
 
@@ -68,7 +68,7 @@ def _begin(args: argparse.Namespace) -> tuple[Inputs | None, str]:
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
     worker, token = Worker(*_begin(args)), secrets.token_urlsafe(24)
-    app = application(worker, token, Hosts(args.host), Path.cwd())
+    app = studio_application(worker, token, Hosts(args.host), Path.cwd())
 
     def told(here: str, there: str) -> None:
         power = "can read and write files here, and run programs with your rights"
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
     worker.ask("start", {})
     try:
-        serve(app, args.host, args.port, told, token)
+        serve_until_interrupt(app, args.host, args.port, told, token)
     finally:
         worker.close()
     return 0
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 _OWN = ("studio.js", "studio.css", "page.js", "intake.js")
 
 
-def application(worker: Worker, token: str, hosts: Hosts, folder: Path | None = None) -> Any:
+def studio_application(worker: Worker, token: str, hosts: Hosts, folder: Path | None = None) -> Any:
     """ASGI application of the studio; see `hil.web.site.site`.
 
     Parameters
@@ -165,7 +165,7 @@ def studio_row(d: int, seconds: float, turns: int) -> StudioRow:
     arm = identify.ARMS[d]
     found: list[tuple[float, float, float]] = []
     for _ in range(1 + turns):
-        run = identify.simulate(seconds, 1, True, arm).recording("run", arm)
+        run = identify.simulate_run(seconds, 1, True, arm).recording("run", arm)
         fell: list[float] = []
         start = time.perf_counter()
         work = Workbench(Inputs((run,), (), base_model(run.robot), ("run.mcap",)))

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.write(json.dumps({"schema": "hil.trust/1", "executables": rows}) + "\n")
         return 0
     for path, what in found:
-        sys.stdout.write(f"{path}: {line(what)}\n")
+        sys.stdout.write(f"{path}: {list_line(what)}\n")
     for path in args.files:
         if path not in {p for p, _ in found}:
             sys.stdout.write(f"{path}: runs nothing\n")
@@ -59,7 +59,7 @@ def entry(what: Executable) -> dict[str, object]:
     return {**found, "sha256": what.digest, "agreed": what.trusted}
 
 
-def line(what: Executable) -> str:
+def list_line(what: Executable) -> str:
     """One line of a list."""
     agreed = "agreed to" if what.trusted else "NOT agreed to; to agree: hil trust"
     brings = f", which imports {', '.join(what.parts)}" if what.parts else ""
@@ -93,7 +93,7 @@ def executables(path: Path) -> list[Executable]:
     )
 
 
-def named(attachments: Mapping[str, bytes]) -> list[str]:
+def named_in_session(attachments: Mapping[str, bytes]) -> list[str]:
     """What the model and the rig file within a session name; nothing of it is looked up or run."""
     found = []
     for name, content in attachments.items():
@@ -106,7 +106,7 @@ def named(attachments: Mapping[str, bytes]) -> list[str]:
         except (ConfigError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             found.append(f"{name} cannot be read: {error}")
             continue
-        texts += [f"cut program {consent.command(words)}"] if words else []
+        texts += [f"cut program {consent.quoted_command(words)}"] if words else []
         found += [f"{name} names {text}" for text in texts]
     return found
 

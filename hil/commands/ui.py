@@ -28,7 +28,7 @@ from hil.rig.config import RigConfig, load_rig, robot_source
 from hil.teleop import gate, law_parameters
 from hil.toml import parse
 from hil.ui.desk import Desk
-from hil.web.site import LOOPBACK, Hosts, serve, site
+from hil.web.site import LOOPBACK, Hosts, serve_until_interrupt, site
 
 EXAMPLE = "hil ui teleop -o sessions"
 #: How often the page that commands is looked after [s].
@@ -120,7 +120,7 @@ def margins_of(law: str, parameters: Any, period: float) -> dict[str, Any]:
     period : float
         Of the loop [s].
     """
-    found = [gate.margins(loop, period) for loop in LOOPS[law](parameters)]
+    found = [gate.axis_margins(loop, period) for loop in LOOPS[law](parameters)]
     worst = max(found, key=lambda m: m.radius)
     delay = min(m.delay_s for m in found)
     stable = delay > 0.0
@@ -205,7 +205,7 @@ def run(args: argparse.Namespace) -> int:
     done = threading.Event()
     threading.Thread(target=_watch, args=(desk, done), daemon=True).start()
 
-    app = application(desk, token, config.name, Scene(config), Hosts(args.host))
+    app = desk_application(desk, token, config.name, Scene(config), Hosts(args.host))
 
     def told(here: str, there: str) -> None:
         power = "can move the arms"
@@ -213,14 +213,14 @@ def run(args: argparse.Namespace) -> int:
         terminal.out("Ctrl-C ends the page and the session")
 
     try:
-        serve(app, args.host, args.port, told, token)
+        serve_until_interrupt(app, args.host, args.port, told, token)
     finally:
         done.set()
         desk.close()
     return 0
 
 
-def application(
+def desk_application(
     desk: Desk, token: str, rig: str, scene: Scene | None = None, hosts: Hosts | None = None
 ) -> Any:
     """ASGI application of the operator's page.

@@ -556,7 +556,7 @@ def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
     return out
 
 
-def coarse(problem: Problem) -> NDArray[np.bool_]:
+def coarsely_encoded(problem: Problem) -> NDArray[np.bool_]:
     """Joints (d,) that mostly move by less than COUNTS steps of their encoder from row to row."""
     if ("coarse",) not in problem.memo:
         out = np.zeros(problem.d, dtype=bool)
@@ -574,7 +574,7 @@ def returned(evidence: Evidence, result: FitResult) -> FloatArray:
     A controller answers the noise of a coarse encoder a little later: so a delay of the effort
     lowers the error, though nothing is late.
     """
-    out, rough = np.zeros(result.problem.d), coarse(result.problem)
+    out, rough = np.zeros(result.problem.d), coarsely_encoded(result.problem)
     for c in evidence.candidates:
         j = c.term.joint
         if not (rough[j] and Trait.LATE in c.term.effect.traits and c.detected):
@@ -585,7 +585,7 @@ def returned(evidence: Evidence, result: FitResult) -> FloatArray:
     return out
 
 
-def shaken(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
+def shaken_joints(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
     """Warnings (code, sentence) for joints where that is a good part of the error."""
     power = np.maximum(smoothed(evidence, result), returned(evidence, result))
     share = power / np.maximum(result.rms**2, 1e-300)

@@ -442,7 +442,7 @@ def beyond(result: FitResult, key: tuple[str, int], instead: FloatArray) -> tupl
 # ------------------------------------------------------------ values that can be physics
 
 
-def impossible(result: FitResult, effect: str) -> list[str]:
+def impossible_values(result: FitResult, effect: str) -> list[str]:
     """Sentences on an effect's values that its own law does not allow, joint by joint."""
     joints = result.problem.joints
     said = []

@@ -178,7 +178,7 @@ def rate_together(
     return table.errors(keys), table.errors([g.key for g in groups if g.key not in gone])
 
 
-def held_out(result: FitResult, split: Split) -> FloatArray:
+def held_out_residual(result: FitResult, split: Split) -> FloatArray:
     """Residual (d, n) of a fit on blocks that its coefficients were not fitted to."""
     groups = model_groups(result)
     table = GramTable(result.problem, split, result.sigma, groups)
@@ -294,7 +294,7 @@ def _places(m: Motion, j: int, count: int = _PLACES) -> FloatArray:
     return np.exp(-0.5 * ((m.scaled(j)[:, None] - at) * (count - 1) / 2) ** 2)
 
 
-def position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+def _position(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any function of the position, a narrow place included."""
     return np.concatenate([_place(m, j, 6)[:, 1:], _places(m, j)], axis=1)
 
@@ -304,7 +304,7 @@ def narrow(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return _places(m, j, _NARROW)
 
 
-def inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+def _inertia(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """An inertia that is any smooth function of the position: a linkage or a slider behind it.
 
     M(q) qdd + M'(q) qd^2 / 2, with the two functions free of each other.
@@ -333,7 +333,7 @@ def position_by_direction(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return np.concatenate([sign[:, None] * place, m.qd[:, j : j + 1] * place], axis=1)
 
 
-def speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+def _speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any smooth function of the speed, and of its sign."""
     sign = m.sign(j)[:, None]
     return np.concatenate([_bumps(m, j, rms), sign * np.abs(_bumps(m, j, rms))], axis=1)
@@ -345,7 +345,7 @@ def position_and_speed(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     return np.asarray(out.reshape(m.n, out.shape[1] * out.shape[2]))
 
 
-def load(m: Motion, j: int, rms: FloatArray) -> FloatArray:
+def _load(m: Motion, j: int, rms: FloatArray) -> FloatArray:
     """Any smooth function of the transmitted load, by direction."""
     size = max(float(np.sqrt(np.mean(m.load[:, j] ** 2))), 1e-300)
     x, sign = m.load[:, j] / size, m.sign(j)
@@ -376,15 +376,15 @@ def other_joints(m: Motion, j: int, rms: FloatArray) -> FloatArray:
 
 #: What a competitor is a function of, in words, and its columns.
 COMPETITORS: dict[str, Columns] = {
-    "position": position,
+    "position": _position,
     "a narrow place": narrow,
-    "position and acceleration": inertia,
+    "position and acceleration": _inertia,
     "position, by direction": position_by_direction,
-    "speed": speed,
+    "speed": _speed,
     "position and speed": position_and_speed,
     "speed and its change": reversal,
     "slow memory of the position": creep,
-    "load": load,
+    "load": _load,
     "time": time,
     "the other joints": other_joints,
 }
@@ -402,7 +402,7 @@ def competitor(problem: Problem, j: int, what: str) -> Group | None:
     return Group(("free", what, j), j, columns, -free, free, np.zeros(free.size), SHRINK)
 
 
-def in_words(what: str) -> str:
+def competitor_in_words(what: str) -> str:
     """A competitor in a sentence: a law, or a function of some variables."""
     return what if what in (FOIL, ROBOT) else f"a function of {what} without a name"
 

@@ -46,17 +46,17 @@ from hil.diagnosis.postures import (
     TIMES,
     Counting,
     Sense,
-    beside,
     countings,
     exchanged,
     nearest_zeros,
     of_zeros,
     ordered,
+    orthogonal_part,
     other_zeros,
-    times,
+    scale_factor,
     with_senses,
 )
-from hil.diagnosis.preconditions import GRAVITY, driven, weighed
+from hil.diagnosis.preconditions import GRAVITY_WARNING, driven, weighed
 from hil.diagnosis.types import Candidate
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
@@ -69,7 +69,7 @@ from hil.record.recording import Recording, RobotSource
 FloatArray = NDArray[np.float64]
 #: Codes of faults that an effect may look like: columns exchanged, coupled, scaled or shifted,
 #: another gravity, and other lengths.
-LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture", GRAVITY, LENGTHS)
+LIKE_EFFECTS = ("swapped", "order", "coupled", "scale", "posture", GRAVITY_WARNING, LENGTHS)
 #: What a correction is said to do, until a fit has told by how much.
 FITS = "the model fits"
 
@@ -498,7 +498,7 @@ def _followed(problem: Problem) -> list[int]:
             one = np.ones(q.size)
             own = np.stack([problem.qdd[k, at], v, sign, one, q, np.sin(q), np.cos(q)], axis=1)
             basis = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
-            left[a, b] = float(np.linalg.norm(beside(y, basis)))
+            left[a, b] = float(np.linalg.norm(orthogonal_part(y, basis)))
     left = np.log(np.maximum(left, 1e-300))
     rows, taken = scipy.optimize.linear_sum_assignment(left)
     gain = float(np.trace(left) - left[rows, taken].sum())
@@ -673,7 +673,7 @@ def _other_posture(result: FitResult, recordings: list[Recording]) -> list[_Answ
             what = f"the model's error {_falls(after, result)}"
             said = f"{x.text}, and import again: {what}" if x.text else ""
             if TIMES in said:
-                said = said.replace(TIMES, f"{times(x, after):.2g}")
+                said = said.replace(TIMES, f"{scale_factor(x, after):.2g}")
             off, runs = _off(after), x.runs if x.robot is result.problem.source else []
             out.append(
                 _Answer(_size(after), after, x.code, said, x.changes, off, not x.fixed, runs)

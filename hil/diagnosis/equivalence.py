@@ -419,7 +419,7 @@ def _by_motion(s: _Set, choice: Choice, planner: Planner) -> Indistinguishable:
     words += model_words(c.term.effect for c in s.among)
     words += [] if whole else ["--joint", joint]
     command = shlex.join([*words, "--motion", motion, *output_words(problem)])
-    where, about = "" if whole else f" of {joint}", choose.describe(motion, problem.d)
+    where, about = "" if whole else f" of {joint}", choose.describe_motion(motion, problem.d)
     text = (
         f"{motion}{where}: {about} (confidence {_surely(best.verdict.odds)} expected{now}"
         + ("" if best.verdict.decided else "; not enough to decide, with the values fitted here")

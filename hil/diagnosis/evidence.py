@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts
 from hil.diagnosis.constants import ADEQUATE, FLOOR_SHARE, MANY_SHAPES, WORTH
-from hil.diagnosis.floor import measure
+from hil.diagnosis.floor import noise_floor
 from hil.diagnosis.residual_tests import changes, changes_somewhere
 from hil.diagnosis.types import FLIPS, Candidate, Evidence, Floor, ranking
 from hil.identify import screening
@@ -352,7 +352,7 @@ def measured_floor(found: list[Candidate], projector: Projector, result: FitResu
         news = c.absorbed < 1 - 1e-6 and c.term.key not in held
         if news and not _picked(c, projector) and in_time(c, result):
             _collect(c.term, result.problem, extra)
-    return measure(result, extra)
+    return noise_floor(result, extra)
 
 
 def _free_functions(projector: Projector, result: FitResult) -> list[Candidate]:

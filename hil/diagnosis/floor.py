@@ -279,7 +279,7 @@ def stir(result: FitResult, shares: FloatArray | None = None) -> FloatArray:
     return out
 
 
-def measure(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
+def noise_floor(result: FitResult, extra: list[list[FloatArray]]) -> Floor:
     """Noise floor of a fit, from repeats where the motion repeats, else the largest model.
 
     Of a joint that only holds its place nothing is judged: its floor is its residual.  One without
@@ -377,7 +377,7 @@ def free_columns(result: FitResult) -> FloatArray:
 
 
 #: Makes columns (n, m).
-Make = Callable[[], FloatArray]
+ColumnMaker = Callable[[], FloatArray]
 #: Rows up to which a network is fitted where nothing is left above the floor.
 MAX_ROWS = 10_000
 #: Bumps over a joint's own range and over another one's, and joints up to which those are asked.
@@ -396,7 +396,7 @@ TREND = 6
 
 
 @dataclass(frozen=True)
-class Function:
+class InputSet:
     """A set of inputs: short name, words, and the left-out error with a function of them."""
 
     what: str
@@ -413,7 +413,7 @@ def explainable(result: FitResult, floor: Floor) -> list[Explainable]:
     return out
 
 
-def told(shares: list[Explainable]) -> list[str]:
+def function_sentences(shares: list[Explainable]) -> list[str]:
     """One sentence a joint, the largest share first; what explains nothing is not listed."""
     out = []
     for joint in dict.fromkeys(s.joint for s in shares):
@@ -453,7 +453,7 @@ def _of_speeds(what: str) -> bool:
     return what.startswith("qd of ") and " and " in what
 
 
-def hidden(result: FitResult, falls: dict[int, float]) -> list[Explainable]:
+def masked_at_floor(result: FitResult, falls: dict[int, float]) -> list[Explainable]:
     """Shares on joints at their floor of whose error a function removes a tenth or more.
 
     The floor hides what no candidate explains; that it can be foretold shows that it is no noise.
@@ -474,22 +474,22 @@ def hidden(result: FitResult, falls: dict[int, float]) -> list[Explainable]:
 def _of_joint(result: FitResult, floor: float, j: int) -> list[Explainable]:
     problem, folds = result.problem, Folds(result)
     before = folds.left_out(np.zeros((problem.n, 0)), j)
-    return shares(_asked(folds, j, _sets(problem, j)), before, floor, problem.joints[j])
+    return _shares(_asked(folds, j, _sets(problem, j)), before, floor, problem.joints[j])
 
 
-def _asked(folds: Folds, j: int, sets: Iterable[tuple[str, str, Make]]) -> list[Function]:
+def _asked(folds: Folds, j: int, sets: Iterable[tuple[str, str, ColumnMaker]]) -> list[InputSet]:
     found = list(sets)
     errors = _errors(folds, j, [make for _, _, make in found])
     named = zip(found, errors, strict=True)
-    return [Function(what, words, error) for (what, words, _), error in named]
+    return [InputSet(what, words, error) for (what, words, _), error in named]
 
 
-def _errors(folds: Folds, j: int, sets: Sequence[Make]) -> list[float]:
+def _errors(folds: Folds, j: int, sets: Sequence[ColumnMaker]) -> list[float]:
     """Left-out error of joint j with each set of columns."""
     return in_parallel(lambda make: folds.left_out(make(), j), sets, folds.result.problem.instants)
 
 
-def shares(found: list[Function], before: float, floor: float, joint: str) -> list[Explainable]:
+def _shares(found: list[InputSet], before: float, floor: float, joint: str) -> list[Explainable]:
     """Shares of a joint's excess from left-out errors, `before` that without a function."""
     least = min([floor, *(f.error for f in found)])
     out = []
@@ -504,11 +504,11 @@ def shares(found: list[Function], before: float, floor: float, joint: str) -> li
     return out
 
 
-def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, Make]]:
+def _sets(problem: Problem, j: int) -> Iterator[tuple[str, str, ColumnMaker]]:
     """Short name, words and filtered columns (n, m), made when asked, of every set of inputs."""
     own, names = problem.joints[j], problem.joints
 
-    def seen(raw: Callable[[Motion], FloatArray]) -> Make:
+    def seen(raw: Callable[[Motion], FloatArray]) -> ColumnMaker:
         return lambda: problem.gated([raw(m) for m in problem.motions], j)
 
     for shape in input_sets(problem.motions[0], j):

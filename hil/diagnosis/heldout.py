@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis.attribution import choose, plausible
-from hil.diagnosis.candidates import held_out
+from hil.diagnosis.candidates import held_out_residual
 from hil.diagnosis.constants import (
     ADEQUATE,
     CERTAIN,
@@ -151,7 +151,7 @@ class Examiner:
         if result.terms and all(t.fixed for t in result.terms):  # no row has been fitted
             return _held(result.residual, self._problem, self.kind)
         folds = split(self._problem, whole_runs=not any(t.per_run for t in result.terms))
-        return of_blocks(held_out(result, folds), self._problem, folds)
+        return of_blocks(held_out_residual(result, folds), self._problem, folds)
 
     def floor(self, result: FitResult, evidence: Evidence) -> FloatArray | None:
         """Noise floor of the held-out runs themselves (d,); None without any.
@@ -487,9 +487,9 @@ def _covariance(f: FitResult) -> FloatArray:
 
 DIFFER, _SAID = "sessions-differ", "the sessions differ"
 #: Kind of a difference between states of the rig, and of no other.
-STATE = "state"
+RIG_STATE = "state"
 BOTH = "Fit the held-out session, too, and hold out another one"
-ADVICE = (
+HELD_OUT_ADVICE = (
     f"{BOTH}, set values that change from day to day under [offsets] in the map file, or record "
     "again in one state of the rig"
 )
@@ -519,7 +519,7 @@ class _Pair:
         return ", ".join(r.name for r in self.alone.problem.recordings)
 
 
-def differences(out: Diagnosis, examine: Examiner) -> list[Note]:
+def held_out_differences(out: Diagnosis, examine: Examiner) -> list[Note]:
     """Warnings (code, sentence), the last with what to do; none without held-out sessions.
 
     Nothing is told of joints whose held-out error has no practical size.
@@ -549,7 +549,7 @@ def differences(out: Diagnosis, examine: Examiner) -> list[Note]:
         if above[j] and j not in told
     ]
     notes = [
-        Note(DIFFER, text, pair.joints[j], text, STATE if _SAID in text else "")
+        Note(DIFFER, text, pair.joints[j], text, RIG_STATE if _SAID in text else "")
         for j, text in sorted(found)
         if text
     ]
@@ -559,7 +559,7 @@ def differences(out: Diagnosis, examine: Examiner) -> list[Note]:
 
 def _advised(notes: list[Note]) -> list[Note]:
     """The same, the last with what to do (and no other: each has its finding as `size`)."""
-    what = ADVICE if any(n.kind == STATE for n in notes) else BOTH
+    what = HELD_OUT_ADVICE if any(n.kind == RIG_STATE for n in notes) else BOTH
     found = [n.saying(n.size) for n in notes]
     return [*found[:-1], *(n.saying(f"{n.size}. {what}") for n in found[-1:])]
 

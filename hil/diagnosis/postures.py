@@ -19,7 +19,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from hil.diagnosis.constants import HALF, LITTLE, OPEN, TENTH, WHOLE, WORTH
-from hil.diagnosis.preconditions import GRAVITY, weighed
+from hil.diagnosis.preconditions import GRAVITY_WARNING, weighed
 from hil.identify.problem import Problem
 from hil.identify.result import FitResult
 from hil.models.bodies import Tree
@@ -146,7 +146,7 @@ class Postures:
             own, y = self._beside(rest[j, at], j, at, laws), problem.effort[j, pick[at]]
             size, wide = max(float(np.linalg.norm(y)), 1e-300), np.linalg.norm(own, axis=0)
             q = np.linalg.qr(own[:, wide > 0] / wide[wide > 0])[0]
-            self._rows.append(_Rows(j, at, size, q, beside(y / size, q)))
+            self._rows.append(_Rows(j, at, size, q, orthogonal_part(y / size, q)))
 
     def _beside(self, own: FloatArray, j: int, at: NDArray[np.int64], laws: int) -> FloatArray:
         """Columns of joint j beside the rigid body, and powers of its position."""
@@ -171,7 +171,7 @@ class Postures:
         # an effort in another scale: the masses of its joint seem so many times smaller
         sizes = [r.size * abs(senses[r.j].effort) for r in self._rows]
         parts = [
-            beside(y[r.at, taken.index(r.j)] / size, r.own)
+            orthogonal_part(y[r.at, taken.index(r.j)] / size, r.own)
             for r, size in zip(self._rows, sizes, strict=True)
         ]
         size = np.sqrt(np.sum([np.sum(x**2, axis=0) for x in parts], axis=0))
@@ -442,7 +442,7 @@ def exchanged(order: list[int], a: int, b: int) -> list[int]:
     return [order[b] if k == a else order[a] if k == b else x for k, x in enumerate(order)]
 
 
-def beside(x: FloatArray, q: FloatArray) -> FloatArray:
+def orthogonal_part(x: FloatArray, q: FloatArray) -> FloatArray:
     """What orthonormal columns leave of others."""
     out: FloatArray = x - q @ (q.T @ x)
     return out
@@ -531,7 +531,9 @@ def countings(result: FitResult, recordings: list[Recording]) -> Iterator[Counti
         )
         # another zero of the first joint may be the same, and is a commoner mistake
         said, changes = ("", 0) if postures.leans(gravity) else (text, 2)
-        yield Counting(recordings, _in_gravity(robot, gravity), GRAVITY, said, OPEN, changes)
+        yield Counting(
+            recordings, _in_gravity(robot, gravity), GRAVITY_WARNING, said, OPEN, changes
+        )
     for x in postures.lengths():
         as_found, text = with_lengths(robot, x, x.factor), _of_lengths(x)
         changes = 1 if x.joints else 2
@@ -592,7 +594,7 @@ def of_zeros(problem: Problem, senses: Sequence[Sense], run: str, others: Sequen
     )
 
 
-def times(x: Counting, after: FitResult) -> float:
+def scale_factor(x: Counting, after: FitResult) -> float:
     """Factor of what is scaled; of an effort, that which gives the described gravity."""
     if x.lengths is not None:
         return x.lengths.factor

@@ -327,7 +327,7 @@ def lost(result: FitResult, heldout: FloatArray) -> list[tuple[str, str]]:
 
 
 #: Code of the warning that gravity by the data is not that of the robot's description.
-GRAVITY = "description-gravity"
+GRAVITY_WARNING = "description-gravity"
 
 
 #: Code of the warning that the efforts are in another scale than the description.
@@ -509,13 +509,13 @@ def contradicted(result: FitResult, over: FloatArray | None = None) -> list[tupl
         return []
     said = _turned(result) or _other_gravity(result, every)
     if said:
-        return [(GRAVITY, said)]
+        return [(GRAVITY_WARNING, said)]
     every_one = [(w, _advice(result.problem.joints[w.joint], w, over)) for w in off]
     # what is said of the masses of several joints is said once
     masses = [w for w, advice in every_one if advice == _MASSES]
     told = [(masses, _MASSES)] if masses else []
     told += [([w], advice) for w, advice in every_one if advice != _MASSES]
-    return [(GRAVITY, f"{_ratios(result, some)}. {advice}") for some, advice in told]
+    return [(GRAVITY_WARNING, f"{_ratios(result, some)}. {advice}") for some, advice in told]
 
 
 #: What to do where the data surely give other masses than the description; of one joint, whose
@@ -610,7 +610,7 @@ def upwards(result: FitResult) -> list[int]:
 # ------------------------------------------------------------ external effort
 
 
-def gains(result: FitResult, split: Split) -> dict[int, float]:
+def external_effort_gains(result: FitResult, split: Split) -> dict[int, float]:
     """Gain g of the external effort on the joints whose held-out error falls with it.
 
     Parameters
@@ -668,7 +668,7 @@ def _one_sensor(problem: Problem) -> bool:
 def doubts(result: FitResult, split: Split) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Faults and warnings (code, sentence): wrong signs, and ratios to confirm."""
     faults, warnings = [], []
-    found = gains(result, split)
+    found = external_effort_gains(result, split)
     wrong = [g for g in found.values() if abs(g + 1) < OPEN]
     if len(wrong) > 1 and len(wrong) == len(found) and _one_sensor(result.problem):
         return [("external-sign", f"the measured force has the wrong sign: {_TURN}")], []

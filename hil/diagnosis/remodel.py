@@ -87,7 +87,7 @@ def _place(use: Use) -> tuple[str, tuple[str, ...], bool]:
 _KEPT = {"fixed": True, "fixed_shape": True}
 
 
-def kept(model: RobotModel) -> RobotModel:
+def with_values_kept(model: RobotModel) -> RobotModel:
     """A fitted model whose values stay; but those that every run has by itself."""
     effects = tuple(
         u if u.options.get("per_run") else replace(u, options={**u.options, **_KEPT})

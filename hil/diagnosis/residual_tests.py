@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.special import chdtri
 
-from hil.diagnosis.artefacts import Blur, blur, coarse
+from hil.diagnosis.artefacts import Blur, blur, coarsely_encoded
 from hil.diagnosis.constants import (
     ADEQUATE,
     BURSTS,
@@ -315,7 +315,7 @@ _PARTS = 6
 #: Autocorrelations counted.
 _LAGS = 400
 #: Instants that are named, and the Fourier transform's padding.
-NAMED, PADDED = 3, 4
+NAMED_INSTANTS, PADDED = 3, 4
 
 
 # ------------------------------------------------------------ unlike noise
@@ -343,7 +343,7 @@ class Unlike:
     text: str
 
 
-def unlike(
+def unlike_noise(
     result: FitResult, error: FloatArray, floor: FloatArray, projector: Projector | None = None
 ) -> list[Unlike]:
     """Joints that move, are at their floor, and leave something other than noise that matters.
@@ -385,7 +385,7 @@ def _unlike_of(result: FitResult, j: int, projector: Projector | None) -> Unlike
         return Unlike(joint, k, True, f"{joint}: {_swings(k, [r / _around(r) for r in raw], rate)}")
     if k > BURSTS and k > CERTAIN * se:
         # where the speed passes a count a row, a coarse encoder bursts
-        if coarse(problem)[j]:
+        if coarsely_encoded(problem)[j]:
             return None
         return Unlike(joint, k, alone > BURSTS_ALONE, f"{joint}: {_bursts(problem, j, left, k)}")
     longest = max(raw, key=len)
@@ -529,6 +529,6 @@ def _largest(r: FloatArray, t: FloatArray, rate: float) -> list[float]:
     for i in np.argsort(-power).tolist():
         if all(abs(t[i] - x) > 1.0 for x in found):
             found.append(float(t[i]))
-        if len(found) == NAMED:
+        if len(found) == NAMED_INSTANTS:
             break
     return sorted(found)

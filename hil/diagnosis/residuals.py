@@ -76,7 +76,7 @@ def since_reversal(v: FloatArray, v0: float, t: FloatArray, run: NDArray[np.int_
     return out
 
 
-def path(q: FloatArray, run: NDArray[np.int_]) -> FloatArray:
+def motion_path(q: FloatArray, run: NDArray[np.int_]) -> FloatArray:
     """Length of the way gone so far [rad or m], shape (n,); runs follow one another."""
     step = np.concatenate([[0.0], np.abs(np.diff(q))])
     step[np.concatenate([[False], np.diff(run) != 0])] = 0.0
@@ -103,7 +103,7 @@ def features(result: FitResult, j: int) -> list[Feature]:
         (
             "distance-since-reversal",
             unit,
-            since_reversal(v, v0, path(q, problem.run), problem.run),
+            since_reversal(v, v0, motion_path(q, problem.run), problem.run),
             float(np.ptp(q)) * np.array([0, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 10.0]),
         ),
         ("position", unit, q, np.linspace(q.min(), q.max() + 1e-12, 13)),
@@ -215,7 +215,7 @@ def time_spectra(result: FitResult, floor: Floor, j: int) -> list[Spectrum]:
     return [line, octave]
 
 
-def lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
+def spectral_lines(result: FitResult, floor: Floor, j: int) -> list[Line]:
     """The strongest place above its band in each spectrum of joint j, as a sentence."""
     joint, units = result.problem.joints[j], result.problem.robot.units
     effort, rms = "N" if units[j] == "m" else "N m", result.problem.rms(result.problem.effort)
@@ -395,7 +395,7 @@ def _found(result: FitResult, floor: Floor) -> dict[str, list[Region]]:
                 found[view.joint].append(_region(view, k, strength, min(above / excess, 1.0)))
     for j, joint in enumerate(result.problem.joints):
         if not result.problem.holds[j]:
-            found[joint] += [_of_line(joint, x) for x in lines(result, floor, j)]
+            found[joint] += [_of_line(joint, x) for x in spectral_lines(result, floor, j)]
     return found
 
 

@@ -172,7 +172,7 @@ class Search(Models):
             self.found, self.stops, self.fired = kept
             return self.rungs[start:]
         named, first = self.now.result, len(self.rungs)
-        self.rungs.append(self.rung("kept", remodel.kept(named.model), named.sigma))
+        self.rungs.append(self.rung("kept", remodel.with_values_kept(named.model), named.sigma))
         table = catalogue.table()
         self.refused = {k for k in self.refused if Trait.CORRECTION not in table[k[0]].traits}
         self._corrected(joints, CORRECTION)

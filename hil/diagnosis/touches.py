@@ -31,7 +31,7 @@ from hil.diagnosis.constants import (
     WORTH,
 )
 from hil.diagnosis.floor import free_columns, practical
-from hil.diagnosis.residual_tests import NAMED
+from hil.diagnosis.residual_tests import NAMED_INSTANTS
 from hil.identify.fit import in_units
 from hil.identify.problem import Problem
 from hil.identify.regression import reweighted
@@ -213,7 +213,7 @@ def _heaviest(
     run = np.full(power.size, -1)
     run[blocks] = problem.run
     most = int(BEATEN * full.sum())
-    while (full & ~rest).sum() < most and _stretches(full & ~rest) < NAMED:
+    while (full & ~rest).sum() < most and _stretches(full & ~rest) < NAMED_INSTANTS:
         first, last = _stretch(np.where(rest, power, 0.0), rest, run, most)
         inside = rest.copy()
         inside[:first] = inside[last:] = False
@@ -293,7 +293,7 @@ def _often(
     for k in range(problem.runs):
         own = struck[run == k]
         moments = int(np.sum(np.diff(own.astype(int), prepend=0) > 0))
-        if moments > NAMED and float(own.sum()) > BEATEN * float(full[run == k].sum()):
+        if moments > NAMED_INSTANTS and float(own.sum()) > BEATEN * float(full[run == k].sum()):
             return True
     return False
 

@@ -15,9 +15,9 @@ from hil.diagnosis.columns import mistaken
 from hil.diagnosis.constants import BEYOND, TENTH
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.evidence import gather
-from hil.diagnosis.heldout import Examiner, differences, settled
+from hil.diagnosis.heldout import Examiner, held_out_differences, settled
 from hil.diagnosis.preconditions import contradicted, other_robot, without_effort
-from hil.diagnosis.residual_tests import unlike, unlike_notes
+from hil.diagnosis.residual_tests import unlike_noise, unlike_notes
 from hil.diagnosis.residuals import Region, seeming, that_matter
 from hil.diagnosis.types import Diagnosis, Evidence, HeldOut, Step, above_zero
 from hil.diagnosis.verdict import NO_GEOMETRY, noticed
@@ -224,10 +224,10 @@ def compare(
     columns = mistaken(result, recordings) if asked else []
     above = heldout.rms / above_zero(np.minimum(level, heldout.rms))
     notes += columns or contradicted(result, above)
-    notes += differences(alike, examine)
+    notes += held_out_differences(alike, examine)
     notes += noticed(evidence, result)
     notes += examine.own(result)
-    notes += unlike_notes(unlike(result, heldout.rms, level, evidence.projector))
+    notes += unlike_notes(unlike_noise(result, heldout.rms, level, evidence.projector))
     faults += [_as_fault(n) for n in notes]
     steps = both(result, problem) if simulate else _unsimulated(problem.d)
     out = Comparison(

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.diagnosis import artefacts, rules
-from hil.diagnosis.artefacts import returned, shaken, smoothed
+from hil.diagnosis.artefacts import returned, shaken_joints, smoothed
 from hil.diagnosis.attribution import Named
-from hil.diagnosis.candidates import in_words
+from hil.diagnosis.candidates import competitor_in_words
 from hil.diagnosis.constants import ADEQUATE, BEATEN, HALF, NEAR_FLOOR, SURE, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
-from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, hidden, practical
-from hil.diagnosis.heldout import Examiner, differences
+from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, masked_at_floor, practical
+from hil.diagnosis.heldout import Examiner, held_out_differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.remodel import Visited
-from hil.diagnosis.residual_tests import bends, changes_told, unlike, unlike_notes
+from hil.diagnosis.residual_tests import bends, changes_told, unlike_noise, unlike_notes
 from hil.diagnosis.search import Search
 from hil.diagnosis.touches import pushed
 from hil.diagnosis.types import Candidate, Diagnosis, Evidence, Finding, Step, describe, joint_of
@@ -159,7 +159,7 @@ def _explain(
         ),
         (
             own,
-            f"{in_words(what)} explains much of the same error better"
+            f"{competitor_in_words(what)} explains much of the same error better"
             if what
             else "left-out data show little of what it explains",
         ),
@@ -345,7 +345,7 @@ def noticed(evidence: Evidence, result: FitResult) -> list[tuple[str, str]]:
         + late_effort(result.problem)
         + changes_told(evidence.changes)
         + bends(result, evidence.projector)
-        + shaken(evidence, result)
+        + shaken_joints(evidence, result)
         + artefacts.blur_notes(evidence, result)
         + artefacts.rounded_notes(result.problem)
     )
@@ -368,7 +368,7 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
         Joints that move.
     """
     traits = ((f, catalogue.get(f.effect).traits) for f in findings)
-    late = {f.joint: lateness(f).value for f, own in traits if Trait.LATE in own}
+    late = {f.joint: effort_lateness(f).value for f, own in traits if Trait.LATE in own}
     if len(moving) < 2 or set(late) != set(moving):
         return []
     times = list(late.values())
@@ -383,7 +383,7 @@ def common(findings: list[Finding], moving: list[str]) -> list[tuple[str, str]]:
     return [(COMMON, text)]
 
 
-def lateness(f: Finding, apart: float = 0.0) -> Value:
+def effort_lateness(f: Finding, apart: float = 0.0) -> Value:
     """How late the whole effort acts [s]: the product of its coefficient and its shape values.
 
     The share that is late and its time make up for each other: neither says it alone.
@@ -451,7 +451,7 @@ def finish(
     # before the held-out runs are predicted anew: their loads are those of their own fit
     absurd = lost(result, out.ladder[-1].heldout.relative)
     # no change between sessions is told from a model that fits none of them
-    differ = [] if absurd else differences(out, examine)
+    differ = [] if absurd else held_out_differences(out, examine)
     left = outside(model.valid, result.problem) + examine.outside(result)
     out.warnings += absurd
     out.warnings += other_robot(model, recordings)
@@ -475,7 +475,9 @@ def finish(
         out.beyond = None if falls is None else max([0.0, *falls.values()])
         # what a function takes of the error counts, and not the whole of it
         size = np.square(result.rms / np.maximum(least, 1e-300))
-        out.network = hidden(result, {j: x for j, x in (falls or {}).items() if x * size[j] > 1})
+        out.network = masked_at_floor(
+            result, {j: x for j, x in (falls or {}).items() if x * size[j] > 1}
+        )
         if out.network:
             out.verdict = "unexplained"
     _with_unlike(out)
@@ -578,7 +580,7 @@ def not_white(warnings: Sequence[tuple[str, str]]) -> str:
 def _with_unlike(out: Diagnosis) -> None:
     """What is left where that is no noise; who leaves a wave or a switch is not adequate."""
     step = out.ladder[-1]
-    found = unlike(step.result, step.heldout.rms, out.noise, out.last.projector)
+    found = unlike_noise(step.result, step.heldout.rms, out.noise, out.last.projector)
     out.warnings += unlike_notes(found)
     felt = dict(zip(step.result.problem.joints, alarms(step.result), strict=True))
     if out.verdict == "adequate" and any(u.matters and felt[u.joint] for u in found):

@@ -66,7 +66,7 @@ def _names_with(trait: Trait) -> list[str]:
     return [name for name, effect in catalogue.table().items() if trait in effect.traits]
 
 
-def effects(model: RobotModel) -> dict[str, float]:
+def compensated_values(model: RobotModel) -> dict[str, float]:
     """All values of a fitted model but the rigid body's, as the loop takes them.
 
     Raises
@@ -182,7 +182,7 @@ def _refuse_span(span: Sequence[float]) -> None:
 
 
 @lru_cache(maxsize=8)
-def kept(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> Tables:
+def cached_tables(values: tuple[tuple[str, float], ...], span: tuple[float, ...]) -> Tables:
     """`tables`, made once: an operator who sets a parameter makes a new law while the loop runs."""
     return tables(dict(values), span)
 
@@ -201,7 +201,7 @@ def steady(
     q, qd : ndarray (3,)
         Positions [rad], speeds [rad/s].
     """
-    found, out = kept(values, span), np.zeros(3)
+    found, out = cached_tables(values, span), np.zeros(3)
     known, past = np.zeros(len(VARIABLES)), np.zeros(MEMORY)
     known[:3], known[3:6] = q, qd
     past[:3] = q - 1e3 * qd
@@ -412,7 +412,7 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
 
 
 #: Speed over which the sign of the velocity is resolved [rad/s].
-SOFT = 0.02
+SIGN_SPEED = 0.02
 #: Ends of the tables: positions without an identified range [rad], speeds [rad/s], torques
 #: [N m] (straight on beyond), time [s].
 _ENDS = {
@@ -476,7 +476,7 @@ def _made_up(ends: FloatArray, n: int = _ROWS, still: bool = False) -> Motion:
         tau_ext=fill(-1, 1),
         load=load,
         static=fill(-0.3, 0.3),
-        v0=np.full(3, SOFT),
+        v0=np.full(3, SIGN_SPEED),
         resolution=np.full(3, 1e-3),
         span=np.array(ends),
         contact=np.full((3, 2), np.nan),

@@ -203,7 +203,7 @@ def foresee(f: Any, u: float, h: float, parts: int) -> bool:
 
 
 @nb.njit(cache=True, nogil=True)
-def step(f: Any, y: float, u: float, h: float) -> float:
+def _step(f: Any, y: float, u: float, h: float) -> float:
     """One period: correct with y = q_m [rad], then predict with u = tau [N m].
 
     Without a measurement, y not a number, it predicts only.
@@ -224,13 +224,13 @@ def step(f: Any, y: float, u: float, h: float) -> float:
 def run(f: Any, y: Any, u: Any, h: float, out: Any, innovation: Any) -> None:
     """Filter a record: y (n,) [rad], u (n,) [N m] into out (n, 10), innovation (n,) [rad]."""
     for k in range(y.size):
-        innovation[k] = step(f, y[k], u[k], h)
+        innovation[k] = _step(f, y[k], u[k], h)
         for r in range(f.now.size):
             out[k, r] = f.now[r]
 
 
 FloatArray = NDArray[np.float64]
-NAMES = ("k1", "k3", "fcm", "fvm", "fcl", "fvl")
+ELASTIC_PARAMETERS = ("k1", "k3", "fcm", "fvm", "fcl", "fvl")
 
 
 @dataclass(frozen=True)
@@ -303,7 +303,7 @@ class UkfConfig:
 
 _F = np.float64
 #: What the kernels of one filter work on.
-RECORD = np.dtype([
+UKF_DTYPE = np.dtype([
     ("x", _F, (N,)), ("now", _F, (N,)), ("p", _F, (N, N)), ("low", _F, (N, N)),
     ("points", _F, (N, _WIDE)), ("pars", _F, (6, _WIDE)), ("gain", _F, (N,)),
     ("noise", _F, (N,)), ("w", _F, (4,)), ("c", _F, (4,)), ("variance", _F),
@@ -327,7 +327,7 @@ class ElasticUkf:
 
     def __post_init__(self) -> None:
         c = self.config
-        self._f = np.zeros(1, RECORD)[0]
+        self._f = np.zeros(1, UKF_DTYPE)[0]
         self._f["x"][:4] = self.position, 0.0, self.position, 0.0
         self._f["x"][4:] = np.log(c.start)
         self._f["p"][:] = np.diag([1e-6, 1e-2, 1e-6, 1e-2, *[c.spread] * 6])
@@ -348,11 +348,11 @@ class ElasticUkf:
     @property
     def parameters(self) -> dict[str, float]:
         """k1, k3, fcm, fvm, fcl, fvl in SI units."""
-        return dict(zip(NAMES, np.exp(self._f["now"][4:]).tolist(), strict=True))
+        return dict(zip(ELASTIC_PARAMETERS, np.exp(self._f["now"][4:]).tolist(), strict=True))
 
     def step(self, y: float, u: float, period: float) -> float:
-        """One period; see `step`.  Without a measurement, y not a number, it predicts only."""
-        return float(step(self._f, y, u, period))
+        """One period; see `_step`.  Without a measurement, y not a number, it predicts only."""
+        return float(_step(self._f, y, u, period))
 
     def run(self, y: FloatArray, u: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
         """Filter a record.

@@ -22,7 +22,7 @@ from hil.record.recording import Recording
 FloatArray = NDArray[np.float64]
 
 
-def inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, FloatArray]:
+def by_inverse_dynamics(result: FitResult, run: Recording) -> tuple[FloatArray, FloatArray]:
     """External joint torque of a run, tau_s = model - tau_c, from any fitted model.
 
     Every effect of the model counts, a user's own too, within the filter band of the fit.  Its
@@ -92,7 +92,7 @@ def _observe(p: Any, push: Any, gain: float, period: float, state: Any, r: Any) 
     state[0] = 1.0
 
 
-def momentum(
+def by_momentum_observer(
     m: FloatArray, qd: FloatArray, push: FloatArray, gain: float, period: float
 ) -> FloatArray:
     """External torque of a record by the momentum observer, (n, d) [N m].

@@ -26,14 +26,14 @@ from hil.excite.question import (
     Stage,
     Verdict,
     against,
-    complete,
-    fitted,
+    complete_foreseen,
     gram,
     imitations,
     nominal,
     playable,
     sharp,
     unfelt,
+    within_limits,
 )
 from hil.excite.trajectory import Margin, Trajectory
 from hil.identify.design import Term
@@ -344,7 +344,7 @@ MENU: dict[str, Maker] = {
 SEVERAL = ("pairs", "one-at-a-time", "postures")
 
 
-def describe(name: str, joints: int) -> str:
+def describe_motion(name: str, joints: int) -> str:
     """One sentence about a motion of the menu for so many joints, without its full stop."""
     text = (MENU[name].__doc__ or "").strip().rstrip(".")
     if joints == 1:
@@ -425,7 +425,7 @@ class Survey:
 
 #: A motion that takes so many times as long as was asked for is none to propose: foreseeing it
 #: takes that much longer, too.
-LONGEST = 20.0
+MOST_TIMES = 20.0
 
 
 def menu(
@@ -442,8 +442,8 @@ def menu(
     joint : int or None
         Joint that is to move; None: all of them in turn.
     names : tuple of str
-        Motions to look at; what would last `LONGEST` times the stage's length is left out, so that
-        there may be none.
+        Motions to look at; what would last `MOST_TIMES` times the stage's length is left out, so
+        that there may be none.
     """
     lone = SEVERAL if stage.space.center.size == 1 else ()
     out = []
@@ -452,8 +452,8 @@ def menu(
             wanted = MENU[name](stage.space, joint, stage.seconds)
         except ConfigError:  # longer than any trajectory may be
             continue
-        if wanted.period <= LONGEST * stage.seconds:
-            out.append(fitted(wanted, stage, question))
+        if wanted.period <= MOST_TIMES * stage.seconds:
+            out.append(within_limits(wanted, stage, question))
     return out
 
 
@@ -491,8 +491,8 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
     """
     if not seen.motions:
         raise ConfigError(
-            f"every motion would take more than {LONGEST:g} times as long as asked for: the joints "
-            "are too slow for their ranges; give narrower limits, or a longer motion"
+            f"every motion would take more than {MOST_TIMES:g} times as long as asked for: the "
+            "joints are too slow for their ranges; give narrower limits, or a longer motion"
         )
 
     def say(g: FloatArray) -> dict[str, Verdict]:
@@ -524,7 +524,7 @@ def decide(seen: Survey, question: Question, names: tuple[str, ...]) -> Choice:
 #: Noise of the effort where none was measured, as a share of the torque limit.
 NOISE = 1e-3
 #: Size of an effect of which nothing is known, as a share of the torque limit.
-SIZE = 5e-3
+UNKNOWN_EFFECT_SHARE = 5e-3
 #: Share of the noise power that an effect must exceed to be noticed: the 4 % of the error that
 #: `hil diagnose` asks of every effect (1 - 0.96^2).
 NOTICED_SHARE = 0.08
@@ -550,10 +550,13 @@ def question(
     base, theta = nominal(model, problem, space.limits)
     first = problem.motions[0]
     problem.set_context(v0=first.v0, contact=first.contact)
-    complete(problem, base, theta)
+    complete_foreseen(problem, base, theta)
     torque = _scale(space.limits.torque, problem)
     j = 0 if joint is None else joint
-    unknown = {name: _unknown(name, j, problem, SIZE * float(torque[j])) for name in effects}
+    unknown = {
+        name: _unknown(name, j, problem, UNKNOWN_EFFECT_SHARE * float(torque[j]))
+        for name in effects
+    }
     known, base, theta = _of_model(base, theta, set(effects) - set(BASE_EFFECTS), j, problem)
     rivals = [known.get(name, rival) for name, rival in unknown.items()]
     _lacking(base, rivals)

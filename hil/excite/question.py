@@ -37,11 +37,11 @@ from hil.excite.trajectory import (
     Margin,
     Trajectory,
     allowed,
-    beyond,
-    grid,
-    margins,
+    exceeds,
+    motion_margins,
     of_data,
     of_robot,
+    period_times,
     sample,
     torques,
 )
@@ -60,7 +60,7 @@ FloatArray = NDArray[np.float64]
 #: Samples per cut-off of the position filter.
 OVERSAMPLING = 3.0
 #: Filter band where no recording sets one [Hz].
-BAND = Rates(60.0, 20.0)
+DEFAULT_BAND = Rates(60.0, 20.0)
 #: Friction of a joint of which nothing is known, as a share of its torque limit.
 FRICTION = 0.015
 #: Share of the way to a position limit that is used.
@@ -75,7 +75,7 @@ def problem_of(x: Trajectory, source: RobotSource, rates: Rates, quantum: FloatA
     `quantum` (d,) [rad or m] is what the encoders resolve: what is slower than that stands.  The
     motion itself is not rounded: steps of coarse encoders are accelerations that no motor has.
     """
-    t = grid(x, OVERSAMPLING * rates.position)
+    t = period_times(x, OVERSAMPLING * rates.position)
     exact = sample(x, t)[0]
     q = np.round(exact / quantum) * quantum
     nothing = np.zeros_like(q)
@@ -88,7 +88,7 @@ def problem_of(x: Trajectory, source: RobotSource, rates: Rates, quantum: FloatA
     return problem
 
 
-def complete(problem: Problem, terms: Sequence[Term], theta: FloatArray) -> None:
+def complete_foreseen(problem: Problem, terms: Sequence[Term], theta: FloatArray) -> None:
     """Give a foreseen problem the loads and efforts that a model predicts.
 
     tau = sum of all terms' columns times their coefficients, before the filter.
@@ -246,7 +246,7 @@ def in_context(problem: Problem, v0: FloatArray, contact: FloatArray, span: Floa
 def ready(problem: Problem, question: Question) -> Problem:
     """A foreseen problem with the question's context, loads and efforts."""
     out = in_context(problem, question.v0, question.contact, question.span)
-    complete(out, question.base, question.theta)
+    complete_foreseen(out, question.base, question.theta)
     return out
 
 
@@ -416,7 +416,7 @@ class Space:
     speed: FloatArray
 
 
-def explore(limits: Limits, robot: Robot) -> Space:
+def joint_space_room(limits: Limits, robot: Robot) -> Space:
     """Measure the room around the middle posture of the limits.
 
     Raises
@@ -498,7 +498,7 @@ class Stage:
 Foreseen = tuple[Trajectory, Problem, list[Margin]]
 
 
-def fitted(motion: Trajectory, stage: Stage, question: Question) -> Foreseen:
+def within_limits(motion: Trajectory, stage: Stage, question: Question) -> Foreseen:
     """The motion made small enough for every limit, foreseen, with its margins.
 
     One that breaks a limit at every size comes back, too: see `playable`.
@@ -517,13 +517,13 @@ def fitted(motion: Trajectory, stage: Stage, question: Question) -> Foreseen:
         problem = ready(stage.foresee(sizes[k]), question)
         found = free + torques(limits, robot, efforts(problem))
         # one that is too large at any size is played smaller still
-        return sizes[k + any(beyond(m) for m in found)], problem, found
+        return sizes[k + any(exceeds(m) for m in found)], problem, found
 
     def unloaded(k: int) -> list[Margin]:
-        return margins(sizes[k], limits, robot)
+        return motion_margins(sizes[k], limits, robot)
 
     last = SIZES - 1
-    first = next((k for k in range(last) if not any(map(beyond, unloaded(k)))), last)
+    first = next((k for k in range(last) if not any(map(exceeds, unloaded(k)))), last)
     largest = foreseen_at(first, unloaded(first))
     if first == last or largest[0] is sizes[first]:
         return largest
@@ -532,13 +532,13 @@ def fitted(motion: Trajectory, stage: Stage, question: Question) -> Foreseen:
         if _passes_middle(motion, stage.space):
             return smallest
         others = (foreseen_at(k, unloaded(k)) for k in range(first + 1, last))
-        return next((x for x in others if not any(map(beyond, x[2]))), smallest)
+        return next((x for x in others if not any(map(exceeds, x[2]))), smallest)
     # sizes[broken] breaks a limit, sizes[kept] keeps all
     broken, kept, out = first, last, smallest
     while kept - broken > 1:
         k = (broken + kept) // 2
         found = foreseen_at(k, unloaded(k))
-        if any(map(beyond, found[2])):
+        if any(map(exceeds, found[2])):
             broken = k
         else:
             kept, out = k, found
@@ -553,7 +553,7 @@ NEAR_MIDDLE = 0.05
 
 def _passes_middle(motion: Trajectory, space: Space) -> bool:
     """Whether a motion passes by the middle posture."""
-    q = sample(motion, grid(motion, MIDDLE_RATE))[0]
+    q = sample(motion, period_times(motion, MIDDLE_RATE))[0]
     reach = np.maximum(np.max(np.abs(space.alone - space.center[:, None]), axis=1), 1e-12)
     return bool(np.min(np.max(np.abs(q - space.center) / reach, axis=1)) < NEAR_MIDDLE)
 
@@ -577,7 +577,7 @@ def foreseen(
     first = problem.motions[0]
     one = np.ones(len(motion.joints))
     asked = Question(base, theta, [], one, first.v0, first.contact, stage.space.alone)
-    made = fitted(motion, stage, asked)
+    made = within_limits(motion, stage, asked)
     if not playable(made):
         raise refusal(made, stage, asked)
     return made[0], made[2]
@@ -585,13 +585,13 @@ def foreseen(
 
 def playable(made: Foreseen) -> bool:
     """Whether a motion keeps to every limit, and to its share of speed and torque."""
-    return not any(map(beyond, made[2]))
+    return not any(map(exceeds, made[2]))
 
 
 def refusal(made: Foreseen, stage: Stage, question: Question) -> ConfigError:
     """Why a motion is not to be played, and what would help."""
     motion, problem, found = made
-    worst = max(filter(beyond, found), key=lambda m: m.used / m.limit if m.limit else np.inf)
+    worst = max(filter(exceeds, found), key=lambda m: m.used / m.limit if m.limit else np.inf)
     limits = stage.space.limits
     unit, share = worst.unit, f"(a plan uses at most {100 * HEADROOM:g} %) "
     most = f"of {worst.limit:.3g} {unit} {share}" if worst.limit else ""
@@ -682,7 +682,7 @@ def stage_of(problem: Problem, seconds: float = 0.0) -> Stage:
     first = problem.recordings[0].q
     noise = np.maximum(bands.quanta(first), bands.position_noise(first))
     quantum = np.maximum(noise, 1e-6 * (limits.high - limits.low))
-    space = explore(limits, problem.robot)
+    space = joint_space_room(limits, problem.robot)
     seconds = seconds or (_DESCRIBED if problem.source.urdf else _BARE)
     space = space if own is not None else _crossed(space, seconds * QUARTER)
     return Stage(space, problem.source, problem.rates, quantum, seconds)

@@ -145,7 +145,7 @@ def _path(x: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
     return q, qd, qdd
 
 
-def grid(x: Trajectory, rate: float) -> FloatArray:
+def period_times(x: Trajectory, rate: float) -> FloatArray:
     """Times over one period at about `rate` [s]."""
     n = max(2, round(x.period * rate))
     out: FloatArray = np.arange(n, dtype=np.float64) * (x.period / n)
@@ -196,7 +196,7 @@ def is_trajectory(path: Path) -> bool:
         return False
 
 
-def read(path: str | Path) -> Trajectory:
+def read_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory file.
 
     Raises
@@ -316,7 +316,7 @@ def _rows(values: FloatArray) -> str:
     return "[\n" + "".join(f"  {_row(v)},\n" for v in values) + "]"
 
 
-def write(x: Trajectory, path: str | Path, note: str = "") -> None:
+def write_trajectory(x: Trajectory, path: str | Path, note: str = "") -> None:
     """Write a trajectory file."""
     write_text(path, text(x, note))
 
@@ -349,7 +349,7 @@ class Played:
     rounds: int
 
 
-def played(x: Trajectory, seconds: float, rate: float, speed: FloatArray) -> Played:
+def played_back(x: Trajectory, seconds: float, rate: float, speed: FloatArray) -> Played:
     """As many whole periods as `seconds` hold, one at least, from rest to rest.
 
     Parameters
@@ -604,13 +604,13 @@ class Margin:
         return self.used < -1e-9
 
 
-def beyond(m: Margin) -> bool:
+def exceeds(m: Margin) -> bool:
     """Whether a planned motion passes a limit, or its share of speed and torque."""
     planned = m.what.startswith(("speed", "torque"))
     return m.used > HEADROOM * m.limit * (1 + 1e-6) if planned else m.broken
 
 
-def margins(x: Trajectory, limits: Limits, robot: Robot) -> list[Margin]:
+def motion_margins(x: Trajectory, limits: Limits, robot: Robot) -> list[Margin]:
     """Margins of a motion to each limit of position and speed; `torques` has the others.
 
     Parameters
@@ -622,7 +622,7 @@ def margins(x: Trajectory, limits: Limits, robot: Robot) -> list[Margin]:
     robot : Robot
         Geometry and units.
     """
-    q, qd, _ = sample(x, grid(x, CHECK_RATE))
+    q, qd, _ = sample(x, period_times(x, CHECK_RATE))
     units = dict(zip(robot.joints, robot.units, strict=True))
     out = [
         Margin(
@@ -649,7 +649,7 @@ def torques(limits: Limits, robot: Robot, effort: FloatArray) -> list[Margin]:
     return out
 
 
-def check(x: Trajectory, limits: Limits, robot: Robot, rate: float) -> None:
+def check_fits_arm(x: Trajectory, limits: Limits, robot: Robot, rate: float) -> None:
     """Refuse a motion that does not fit the arm that is to play it.
 
     Raises
@@ -668,7 +668,7 @@ def check(x: Trajectory, limits: Limits, robot: Robot, rate: float) -> None:
             f"trajectory {x.name!r} changes within {1e3 * quick:.3g} ms; at {rate:g} Hz at least "
             f"{1e4 / rate:.3g} ms are needed"
         )
-    broken = [m for m in margins(x, limits, robot) if m.broken]
+    broken = [m for m in motion_margins(x, limits, robot) if m.broken]
     if broken:
         m = broken[0]
         text = (

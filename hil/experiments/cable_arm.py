@@ -21,7 +21,7 @@ import numpy as np
 from hil import registry, terminal
 from hil.diagnosis.verbs import fit
 from hil.estimate import compensation_tables
-from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
+from hil.experiments.pages import Means, PageData, SeedMean, StudyPage, TableRows
 from hil.models.model import RobotModel, base_model
 from hil.record.container import read
 from hil.record.mcap_read import load
@@ -104,7 +104,7 @@ def _estimators(model: RobotModel, learn: float = _LEARN) -> dict[str, dict[str,
     late = {**common, "learn_until": learn}
     kinds = {
         "observer": ("force", common),
-        "fitted": ("force", {**common, "effects": compensation_tables.effects(model)}),
+        "fitted": ("force", {**common, "effects": compensation_tables.compensated_values(model)}),
         "network": ("friction-network", {**late, "network": _NETWORK}),
         "filters": ("elastic-ukf", late),
         "both": ("elastic-ukf", {**late, "network": {**_NETWORK, "backbone": False}}),
@@ -133,8 +133,8 @@ def study(
     with tempfile.TemporaryDirectory() as name:
         for condition, hidden in CONDITIONS.items():
             report(condition)
-            path = session(Path(name), hidden, seed, seconds, learn)
-            rows += judge(condition, path, learn)
+            path = _session(Path(name), hidden, seed, seconds, learn)
+            rows += estimator_errors(condition, path, learn)
             for e in ("filters", "both"):
                 stiffness[f"{condition}: {SAID[e]}"] = cables(path, e)
             learnt[condition] = float(_column(path, "both", "learning")[: _tick(learn)].mean())
@@ -145,7 +145,7 @@ def _tick(seconds: float) -> int:
     return round(seconds / _PERIOD)
 
 
-def session(
+def _session(
     folder: Path,
     hidden: Sequence[Mapping[str, Any]],
     seed: int,
@@ -156,17 +156,19 @@ def session(
     first, path = folder / "identify.mcap", folder / "s.mcap"
     simulation: dict[str, Any] = {"hidden": list(hidden)}
     identify = load_rig(rig_path("identify"), {"simulation": simulation})
-    runner.run(identify, _IDENTIFY, seed, "lockstep", first).enabled()
+    runner.run_session(identify, _IDENTIFY, seed, "lockstep", first).enabled()
     run = load(first, _ARM)
     model = fit([run], base_model(run.robot, _ARM) - "torque-offset").model
     hand = {"kind": "hand", "frequency": 0.5, "size": [0.05, 0.05, 0.05]}
     simulation |= {"operator": hand, "gel": {"below_home": 0.01}}
     over = {"simulation": simulation, "estimators": _estimators(model, learn)}
-    runner.run(load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path).enabled()
+    runner.run_session(
+        load_rig(rig_path("lawrence"), over), seconds, seed + 1, "lockstep", path
+    ).enabled()
     return path
 
 
-def judge(condition: str, path: Path, learn: float = _LEARN) -> list[CableArmRow]:
+def estimator_errors(condition: str, path: Path, learn: float = _LEARN) -> list[CableArmRow]:
     """Errors of all estimators after what was learnt."""
     run = load(path, _ARM)
     if run.wrench is None:
@@ -249,7 +251,7 @@ def command(args: argparse.Namespace) -> Found:
     return "\n".join(lines), asdict(s)
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         f"{r['estimator']} ({r['condition']})": (
             1e3 * r["free"],

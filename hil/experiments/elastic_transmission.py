@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil import terminal
-from hil.estimate.elastic_ukf import NAMES, ElasticUkf, UkfConfig
-from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
+from hil.estimate.elastic_ukf import ELASTIC_PARAMETERS, ElasticUkf, UkfConfig
+from hil.experiments.pages import Means, PageData, SeedMean, StudyPage, TableRows
 from hil.terminal import Found
 
 FloatArray = NDArray[np.float64]
@@ -106,7 +106,7 @@ def _simulate(u: Any, load: Any, c: Any, out: Any) -> None:
                 return
 
 
-def record(
+def record_arm(
     plant: TwoMassPlant, seconds: float, seed: int, load: float = 0.0, size: float = 1.0
 ) -> FilterRun:
     """Run the joint on six sines of torque with a light spring to the middle.
@@ -196,7 +196,7 @@ class TransmissionStudy:
     departure: float
 
 
-def identify(
+def identify_transmission(
     plant: TwoMassPlant, seconds: float = 25.0, seed: int = 1
 ) -> tuple[FloatArray, ElasticUkf]:
     """Parameters (6,) after `seconds` [s] of motion from a wrong guess, and the filter.
@@ -204,15 +204,15 @@ def identify(
     The sign of friction of the plant differs from the filter's, so that the Coulomb terms are
     estimates of a like quantity.
     """
-    true = truth(plant)
+    true = true_parameters(plant)
     config = UkfConfig(plant.motor, plant.link, tuple(true * np.array(_GUESS)))
-    run = record(plant, seconds, seed)
+    run = record_arm(plant, seconds, seed)
     ukf = ElasticUkf(config, float(run.y[0]))
     states, _ = ukf.run(run.y, run.u, PERIOD)
     return np.exp(states[-3000:, 4:].mean(0)), ukf
 
 
-def truth(plant: TwoMassPlant) -> FloatArray:
+def true_parameters(plant: TwoMassPlant) -> FloatArray:
     """k1, k3, Fcm, Fvm, Fcl, Fvl of a plant."""
     (fcm, fcl), (fvm, fvl) = plant.coulomb, plant.viscous
     return np.array([plant.k1, plant.k3, fcm, fvm, fcl, fvl])
@@ -221,7 +221,7 @@ def truth(plant: TwoMassPlant) -> FloatArray:
 def study(seed: int = 1) -> TransmissionStudy:
     """Identify, freeze the parameters, then vary inertia, tension and interaction force."""
     plant = TwoMassPlant(tension_friction=0.8)
-    found, ukf = identify(plant, seed=seed)
+    found, ukf = identify_transmission(plant, seed=seed)
     frozen = UkfConfig(plant.motor, plant.link, tuple(found), noise=_FROZEN, spread=1e-12)
     rows = [
         *(_row("link inertia", f, frozen, replace(plant, link=plant.link * f)) for f in _INERTIAS),
@@ -235,7 +235,7 @@ def study(seed: int = 1) -> TransmissionStudy:
     p = ukf.covariance[4:, 4:]
     unit = p / np.sqrt(np.outer(np.diag(p), np.diag(p)))
     pairs = {"fcm, fcl": float(unit[2, 4]), "fvm, fvl": float(unit[3, 5])}
-    ratio = dict(zip(NAMES, (found / truth(plant)).tolist(), strict=True))
+    ratio = dict(zip(ELASTIC_PARAMETERS, (found / true_parameters(plant)).tolist(), strict=True))
     return TransmissionStudy(ratio, pairs, rows, slope, off)
 
 
@@ -247,7 +247,7 @@ def _row(
     load: float = 0.0,
     size: float = 1.0,
 ) -> ElasticTransmissionRow:
-    run = record(plant, 6.0, 5, load, size)
+    run = record_arm(plant, 6.0, 5, load, size)
     states, innovation = ElasticUkf(config, float(run.y[0])).run(run.y, run.u, PERIOD)
     return _measures(name, value, run, states, innovation)
 
@@ -307,7 +307,7 @@ def command(args: argparse.Namespace) -> Found:
     return "\n".join(lines), asdict(s)
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         f"{r['study']} {r['value']:g}": (
             1e3 * r["angle"],

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from hil import terminal
 from hil.errors import FitError
-from hil.experiments.pages import Data, Means, Rows, StudyPage
+from hil.experiments.pages import Means, PageData, StudyPage, TableRows
 from hil.terminal import Found
 
 #: Noise of the measured torque [N m].
@@ -36,7 +36,7 @@ _LEARNT, _JUDGED, _QUICK = 60.0, 30.0, 30.0
 FloatArray = NDArray[np.float64]
 
 #: A node's key: level m, then the cell k.
-Node = tuple[int, tuple[int, ...]]
+WaveletKey = tuple[int, tuple[int, ...]]
 #: Speed over which the backbone's sign is resolved, in units of the velocity scale.
 _SOFT = 0.02
 
@@ -74,7 +74,7 @@ class Network:
 
     scale: FloatArray
     own: int = 0
-    nodes: tuple[Node, ...] = ()
+    nodes: tuple[WaveletKey, ...] = ()
     weights: FloatArray = field(default_factory=lambda: np.zeros(0))
     backbone: bool = True
     zone: float = 0.0
@@ -102,7 +102,9 @@ class Network:
         return out
 
 
-def coarse(qd: FloatArray, own: int, level: int = -1, least: int = 20, **options: Any) -> Network:
+def coarse_network(
+    qd: FloatArray, own: int, level: int = -1, least: int = 20, **options: Any
+) -> Network:
     """Network of the cells of one level that the data visit, all weights zero.
 
     Parameters
@@ -126,7 +128,7 @@ def coarse(qd: FloatArray, own: int, level: int = -1, least: int = 20, **options
     return replace(net, weights=np.zeros(net.first + len(nodes)))
 
 
-def solve(net: Network, qd: FloatArray, tau: FloatArray, ridge: float = 1e-4) -> Network:
+def ridge_weights(net: Network, qd: FloatArray, tau: FloatArray, ridge: float = 1e-4) -> Network:
     """Batch weights: ridge regression on velocities (n, d) and friction torque (n,) [N m].
 
     Raises
@@ -144,7 +146,7 @@ def solve(net: Network, qd: FloatArray, tau: FloatArray, ridge: float = 1e-4) ->
 
 
 @nb.njit(cache=True, nogil=True)
-def learn(x: Any, tau: Any, weights: Any, zone: float, gain: float, floor: float) -> None:
+def learn_online(x: Any, tau: Any, weights: Any, zone: float, gain: float, floor: float) -> None:
     """Lyapunov law with dead zone, sample by sample; `weights` are updated in place.
 
     e = tau - x^T c,  e_D = e - clip(e, -zone, zone),  c += gain x e_D / (floor + x^T x).
@@ -171,13 +173,13 @@ def learn(x: Any, tau: Any, weights: Any, zone: float, gain: float, floor: float
 def train(
     net: Network, qd: FloatArray, tau: FloatArray, gain: float = 0.6, floor: float = 1e-3
 ) -> Network:
-    """Learn on line over a record once; see `learn`."""
+    """Learn on line over a record once; see `learn_online`."""
     weights = np.array(net.weights)
-    learn(net.columns(qd), np.ascontiguousarray(tau), weights, net.zone, gain, floor)
+    learn_online(net.columns(qd), np.ascontiguousarray(tau), weights, net.zone, gain, floor)
     return replace(net, weights=weights)
 
 
-def adapt(
+def adapt_online(
     net: Network,
     qd: FloatArray,
     add: float,
@@ -223,14 +225,14 @@ def adapt(
     return replace(net, nodes=tuple(kept), weights=weights, zone=zone)
 
 
-def _children(m: int, k: tuple[int, ...]) -> list[Node]:
+def _children(m: int, k: tuple[int, ...]) -> list[WaveletKey]:
     return [
         (m + 1, tuple(2 * a + b for a, b in zip(k, o, strict=True)))
         for o in product((-1, 0, 1), repeat=len(k))
     ]
 
 
-def _visited(node: Node, x: FloatArray) -> int:
+def _visited(node: WaveletKey, x: FloatArray) -> int:
     """Samples within the radius of a node."""
     m, k = node
     return int(np.sum(((2.0**m * x - np.array(k)) ** 2).sum(axis=1) < 1.0))
@@ -252,14 +254,14 @@ def grow(qd: FloatArray, tau: FloatArray, own: int, rounds: int = 3, **options: 
     **options
         `Network.backbone`, `Network.zone`.
     """
-    net = solve(coarse(qd, own, **options), qd, tau)
+    net = ridge_weights(coarse_network(qd, own, **options), qd, tau)
     size = float(np.sqrt(np.mean(tau**2)))
     for _ in range(rounds):
-        net = solve(adapt(net, qd, 0.02 * size, 0.002 * size), qd, tau)
+        net = ridge_weights(adapt_online(net, qd, 0.02 * size, 0.002 * size), qd, tau)
     return net
 
 
-def relative(net: Network, qd: FloatArray, tau: FloatArray) -> float:
+def relative_error(net: Network, qd: FloatArray, tau: FloatArray) -> float:
     """E_rel = rms(tau - network) / rms(tau)."""
     return float(np.sqrt(np.mean((tau - net.predict(qd)) ** 2) / np.mean(tau**2)))
 
@@ -274,7 +276,7 @@ class FrictionNetworkRow:
     nodes: int
 
 
-def motion(seconds: float, seed: int, size: float = 0.5) -> FloatArray:
+def random_sines(seconds: float, seed: int, size: float = 0.5) -> FloatArray:
     """Joint velocities (n, 3) [rad/s] at 250 Hz: five sines a joint, 0.1 to 1.6 Hz."""
     rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, 4e-3)
     rate, phase = rng.uniform(0.1, 1.6, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
@@ -307,7 +309,7 @@ def study(seed: int = 1, learnt: float = _LEARNT) -> list[FrictionNetworkRow]:
         Record that the models learn from [s]; one learns from the first 10 s.
     """
     rng = np.random.default_rng(seed)
-    one, two = motion(learnt, seed), motion(_JUDGED, seed + 100)
+    one, two = random_sines(learnt, seed), random_sines(_JUDGED, seed + 100)
     y, z = (rub(v) + _NOISE * rng.normal(size=v.shape) for v in (one, two))
     rows = []
     for name, (make, seconds) in _MODELS.items():
@@ -316,8 +318,8 @@ def study(seed: int = 1, learnt: float = _LEARNT) -> list[FrictionNetworkRow]:
         rows.append(
             FrictionNetworkRow(
                 name,
-                tuple(relative(n, one[part], y[part, j]) for j, n in enumerate(nets)),
-                tuple(relative(n, two, z[:, j]) for j, n in enumerate(nets)),
+                tuple(relative_error(n, one[part], y[part, j]) for j, n in enumerate(nets)),
+                tuple(relative_error(n, two, z[:, j]) for j, n in enumerate(nets)),
                 max(len(n.nodes) for n in nets),
             )
         )
@@ -325,9 +327,9 @@ def study(seed: int = 1, learnt: float = _LEARNT) -> list[FrictionNetworkRow]:
 
 
 def _backbone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    net = coarse(qd, j)
+    net = coarse_network(qd, j)
     bare = Network(net.scale, j)
-    return solve(bare, qd, tau, 0.0)
+    return ridge_weights(bare, qd, tau, 0.0)
 
 
 def _alone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
@@ -335,11 +337,11 @@ def _alone(qd: FloatArray, tau: FloatArray, j: int) -> Network:
 
 
 def _on_line(qd: FloatArray, tau: FloatArray, j: int) -> Network:
-    net = coarse(qd, j, backbone=False, zone=_NOISE)
+    net = coarse_network(qd, j, backbone=False, zone=_NOISE)
     for _ in range(3):
         for _ in range(2):
             net = train(net, qd, tau)
-        net = adapt(net, qd, 0.004, 0.0008)
+        net = adapt_online(net, qd, 0.004, 0.0008)
     return train(net, qd, tau)
 
 
@@ -377,7 +379,7 @@ def command(args: argparse.Namespace) -> Found:
     return text + terminal.table(head, cells), {"rows": [asdict(r) for r in rows]}
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         r["model"]: (
             100 * float(np.mean(r["train"])),

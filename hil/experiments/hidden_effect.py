@@ -46,10 +46,10 @@ from hil.teleop.rig_designs import ArmImpedances
 from hil.terminal import Found
 from hil.toml import parse
 from hil.userfile import write_text
-from hil.work import alone
+from hil.work import on_one_thread
 
 #: Hidden in both arms: five laws of friction, and the joint.
-EFFECTS = (
+_EFFECTS = (
     ("stribeck", "joint2"),
     ("presliding", "joint2"),
     ("coupled-friction", "joint2"),
@@ -57,10 +57,10 @@ EFFECTS = (
     ("asymmetric-viscous", "joint1"),
 )
 _ARMS = ("leader", "follower")
-MODELS = ("as built", "fitted", "diagnosed")
-LAWS = ("with sensors", "without")
+MODEL_STAGES = ("as built", "fitted", "diagnosed")
+SENSOR_CASES = ("with sensors", "without")
 #: Motion of the operator's machine [Hz], [m]; gel [N/m^1.3]; length of a session on it [periods].
-_HZ, _SIZE, _GEL, PERIODS, _SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
+_HZ, _SIZE, _GEL, SESSION_PERIODS, _SETTLE = 0.7, (0.01, 0.02, 0.01), 400.0, 4, 2.0
 IDENTIFIED_S = 20.0
 #: Shares of the modelled friction that are compensated; the largest with which all laws run.
 SHARES = (1.0, 0.8, 0.6)
@@ -116,7 +116,7 @@ def identifying(folder: Path, effect: str, joint: str, seed: int, motion: int) -
         {"simulation": hidden(effect, joint), "controller": {"parameters": {"seed": motion}}},
     )
     path = folder / f"identify-{motion}.mcap"
-    runner.run(config, IDENTIFIED_S, seed, "lockstep", path).enabled()
+    runner.run_session(config, IDENTIFIED_S, seed, "lockstep", path).enabled()
     return path
 
 
@@ -124,7 +124,7 @@ def _law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any
     """Parameters of the law for these models; without any, the rig file's own arms."""
     settings = without_force_sensors.LAW | {"friction_share": share}
     if models:
-        given, axes = rig.arms(models, settings)
+        given, axes = rig.arm_parameters(models, settings)
     else:
         own = load_rig(rig_path("lawrence")).controller.parameters
         gains = {f"c{k}" for k in range(1, 9)}
@@ -132,10 +132,10 @@ def _law_of(models: Mapping[str, str], share: float, kind: str) -> dict[str, Any
         kind_of = registry.load("hil.controllers", "lawrence").Config
         none = {"c1": [0.0] * 3, "c7": [0.0] * 3}
         axes = ArmImpedances.of(parse(kind_of, none | given, "experiment"))
-    designs = without_force_sensors.designs(axes)
-    if kind == LAWS[1]:
+    designs = without_force_sensors.four_channel_designs(axes)
+    if kind == SENSOR_CASES[1]:
         designs = [force_sensor_free.transform(d) for d in designs]
-    return given | law_parameters.table(designs)
+    return given | law_parameters.law_table(designs)
 
 
 def rig_of(law: Mapping[str, Any], effect: str, joint: str, gel: float | None) -> RigConfig:
@@ -150,8 +150,8 @@ def rig_of(law: Mapping[str, Any], effect: str, joint: str, gel: float | None) -
 
 def felt(config: RigConfig, path: Path, seed: int) -> tuple[float, float]:
     """Rms of the force felt, and of it less the force on the follower, over whole periods [N]."""
-    runner.run(config, _SETTLE + PERIODS / _HZ, seed, "lockstep", path).enabled()
-    n = round(PERIODS / _HZ / rig.PERIOD)
+    runner.run_session(config, _SETTLE + SESSION_PERIODS / _HZ, seed, "lockstep", path).enabled()
+    n = round(SESSION_PERIODS / _HZ / rig.PERIOD)
     forces = []
     for arm, sign in zip(_ARMS, (1.0, -1.0), strict=True):
         wrench = load(path, arm).wrench
@@ -165,19 +165,22 @@ def _rms(force: Any) -> float:
     return float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1))))
 
 
-def case(effect: str, joint: str, seed: int) -> CircleRow:
+def circle_of(effect: str, joint: str, seed: int) -> CircleRow:
     """The whole circle for one effect and seed."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths = [identifying(folder, effect, joint, 10 * seed + k, 3 * seed + k) for k in (0, 1)]
-        models: dict[str, dict[str, str]] = {m: {} for m in MODELS}
+        models: dict[str, dict[str, str]] = {m: {} for m in MODEL_STAGES}
         found: dict[str, Diagnosis] = {}
         for arm in _ARMS:
             one, other = (load(path, arm) for path in paths)
             d = found[arm] = diagnose([one], base_model(one.robot, arm), [other])
             # corrections without a name stay out: the loop compensates laws
             last = _compensable(d.ladder[-1 - d.corrected].result.model)
-            for kind, model in ((MODELS[1], d.ladder[0].result.model), (MODELS[2], last)):
+            for kind, model in (
+                (MODEL_STAGES[1], d.ladder[0].result.model),
+                (MODEL_STAGES[2], last),
+            ):
                 models[kind][arm] = str(folder / f"{arm}-{kind}.toml")
                 write_model(model, models[kind][arm])
         share, free, contact = _sessions(models, effect, joint, folder, seed)
@@ -212,7 +215,7 @@ def _compensable(model: RobotModel) -> RobotModel:
 def _why(model: RobotModel) -> str:
     """What speaks against compensating a model; empty: nothing."""
     try:
-        compensation_tables.effects(model)
+        compensation_tables.compensated_values(model)
     except ConfigError as error:
         return str(error)
     return ""
@@ -228,7 +231,7 @@ def _sessions(
         contact: dict[str, dict[str, float]] = {m: {} for m in models}
         try:
             for m, paths in models.items():
-                for kind in LAWS:
+                for kind in SENSOR_CASES:
                     law = _law_of(paths, share, kind)
                     path = folder / "teleop.mcap"
                     free[m][kind] = felt(rig_of(law, effect, joint, None), path, seed)[0]
@@ -240,8 +243,8 @@ def _sessions(
 
 
 def _case(words: tuple[str, str, int]) -> CircleRow:
-    with alone():
-        return case(*words)
+    with on_one_thread():
+        return circle_of(*words)
 
 
 def study(
@@ -263,7 +266,7 @@ def study(
     report : callable
         Takes a line for every case that is done.
     """
-    effects = EFFECTS[:_QUICK_EFFECTS] if quick else EFFECTS
+    effects = _EFFECTS[:_QUICK_EFFECTS] if quick else _EFFECTS
     seeds = range(seed, seed + (_QUICK_SEEDS if quick else _SEEDS))
     todo = [(e, j, s) for e, j in (*effects, ("", "")) for s in seeds]
     rows = []
@@ -308,8 +311,8 @@ def summaries(rows: Sequence[CircleRow]) -> list[CircleSummary]:
         error = np.mean([r.error for r in own], axis=0)
         free, contact = (
             {
-                law: {m: _interval([getattr(r, part)[m][law] for r in own]) for m in MODELS}
-                for law in LAWS
+                law: {m: _interval([getattr(r, part)[m][law] for r in own]) for m in MODEL_STAGES}
+                for law in SENSOR_CASES
             }
             for part in ("free", "contact")
         )
@@ -335,11 +338,11 @@ def _interval(values: Sequence[float]) -> tuple[float, float]:
 _HEAD = ("hidden in both arms", "named", "error / floor", "law", "free [N]", "contact [N]")
 
 
-def cells(found: Sequence[CircleSummary]) -> list[list[str]]:
+def _cells(found: Sequence[CircleSummary]) -> list[list[str]]:
     """Rows of the table: as built -> fitted -> diagnosed."""
     out = []
     for s in found:
-        for k, law in enumerate(LAWS):
+        for k, law in enumerate(SENSOR_CASES):
             first = [
                 f"{s.effect} on {s.joint}" if s.effect else "nothing",
                 f"{s.right} of {s.cases}",
@@ -357,16 +360,20 @@ def cells(found: Sequence[CircleSummary]) -> list[list[str]]:
 
 def _falls(values: Mapping[str, tuple[float, float]]) -> str:
     """Means of the three models, and the half width of the last."""
-    return " -> ".join(f"{values[m][0]:.3f}" for m in MODELS) + f" +- {values[MODELS[-1]][1]:.3f}"
+    return (
+        " -> ".join(f"{values[m][0]:.3f}" for m in MODEL_STAGES)
+        + f" +- {values[MODEL_STAGES[-1]][1]:.3f}"
+    )
 
 
 def figure(found: Sequence[CircleSummary]) -> str:
     """Bars of the force felt in free space as SVG: three models an effect, law with sensors."""
     groups = {
-        s.effect or "nothing hidden": [SeedMean(*s.free[LAWS[0]][m]) for m in MODELS] for s in found
+        s.effect or "nothing hidden": [SeedMean(*s.free[SENSOR_CASES[0]][m]) for m in MODEL_STAGES]
+        for s in found
     }
     title = "Force felt in free space [N], mean over the seeds, law with force sensors"
-    return bars(title, MODELS, groups)
+    return bars(title, MODEL_STAGES, groups)
 
 
 def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
@@ -394,7 +401,7 @@ def page(rows: Sequence[CircleRow], command: str, picture: str) -> str:
         "",
         "| " + " | ".join(_HEAD) + " |",
         "|" + "---|" * len(_HEAD),
-        *("| " + " | ".join(line) + " |" for line in cells(found)),
+        *("| " + " | ".join(line) + " |" for line in _cells(found)),
         "",
         *_read(found),
         "",
@@ -415,14 +422,15 @@ def _read(found: Sequence[CircleSummary]) -> list[str]:
     named = [s for s in found if s.effect]
     lines = []
     for part, what in (("free", "force felt in free space"), ("contact", "error in contact")):
-        for law in LAWS:
+        for law in SENSOR_CASES:
             first, last = (
                 float(np.mean([getattr(s, part)[law][m][0] for s in named]))
-                for m in (MODELS[1], MODELS[2])
+                for m in (MODEL_STAGES[1], MODEL_STAGES[2])
             )
+            sensors = " force sensors" if law == SENSOR_CASES[1] else ""
             lines.append(
-                f"- {law.capitalize()}{' force sensors' if law == LAWS[1] else ''}: the {what} is "
-                f"{first:.3f} N with the fitted base models and {last:.3f} N with the diagnosed "
+                f"- {law.capitalize()}{sensors}: the {what} is "
+                f" {first:.3f} N with the fitted base models and {last:.3f} N with the diagnosed "
                 f"ones, {100 * abs(1 - last / first):.0f} % {'less' if last <= first else 'more'}."
             )
     return lines
@@ -438,7 +446,7 @@ def command(args: argparse.Namespace) -> Found:
         terminal.write_page(args.report, page(rows, command, place.name))
         write_text(place, figure(found))
     text = (
-        f"{terminal.table(list(_HEAD), cells(found))}\n"
+        f"{terminal.table(list(_HEAD), _cells(found))}\n"
         "  newtons with the rig file's model -> the fitted base model -> the diagnosed model, "
         "+- 95 %"
     )

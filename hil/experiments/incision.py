@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 from hil import terminal
 from hil.diagnosis import verbs
 from hil.excite.trajectory import Trajectory
-from hil.excite.trajectory import write as write_trajectory
-from hil.experiments.pages import Data, Means, Rows, StudyPage
+from hil.excite.trajectory import write_trajectory as write_trajectory
+from hil.experiments.pages import Means, PageData, StudyPage, TableRows
 from hil.models.model import base_model
 from hil.record.container import read
 from hil.record.mcap_read import load
@@ -55,15 +55,15 @@ _ARMS = ("leader", "follower")
 #: Length of a session, and from when on it counts [s]: by then the hand's motion has its size.
 _SECONDS, _BEGUN = 12.0, 3.0
 #: The forms of the law: name -> what differs from the rig file.
-ALONE, THROUGH, HELD = "goal alone", "goal through the incision", "held there"
+ALONE, THROUGH, HELD_FORM = "goal alone", "goal through the incision", "held there"
 #: Stiffness [N/m] and damping [N s/m] of the tip with which every form may run.
 _GAINS = {"stiffness": 1000.0, "damping": 12.0}
-FORMS: Mapping[str, Mapping[str, float]] = {
+LAW_FORMS: Mapping[str, Mapping[str, float]] = {
     ALONE: {**_GAINS, "incision_depth": 0.0},
     THROUGH: {**_GAINS, "incision_stiffness": 0.0},
-    HELD: _GAINS,
+    HELD_FORM: _GAINS,
 }
-FITTED, SOFT, STIFF = ", friction fitted", ", half as stiff", ", as stiff as the rig file"
+FITTED, HALF_STIFF, STIFF = ", friction fitted", ", half as stiff", ", as stiff as the rig file"
 #: Up to that share beside what is foreseen, nothing else is taken to cost tracking.
 _EXPLAINED = 0.15
 #: Motion that shows friction: each joint a sine of its own frequency [1 / period], over that share
@@ -119,20 +119,22 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
     given = load_rig(rig_path("surgical"), {"simulation": {"truth_seed": seed}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        fed = {f"{arm}_friction": fitted(given, arm, folder, seed) for arm in _ARMS}
+        fed = {f"{arm}_friction": fitted_friction(given, arm, folder, seed) for arm in _ARMS}
         rows = []
-        for form, law in FORMS.items():
+        for form, law in LAW_FORMS.items():
             report(form)
-            rows.append(session(given, form, law, folder, seed))
+            rows.append(_session(given, form, law, folder, seed))
         half = {"stiffness": 0.5 * _GAINS["stiffness"]}
-        for form in (THROUGH, HELD):
-            report(form + SOFT)
-            rows.append(session(given, form + SOFT, {**FORMS[form], **half}, folder, seed))
-        for form in (THROUGH, HELD):
+        for form in (THROUGH, HELD_FORM):
+            report(form + HALF_STIFF)
+            rows.append(
+                _session(given, form + HALF_STIFF, {**LAW_FORMS[form], **half}, folder, seed)
+            )
+        for form in (THROUGH, HELD_FORM):
             report(form + FITTED)
-            rows.append(session(given, form + FITTED, {**FORMS[form], **fed}, folder, seed))
-        report(HELD + STIFF)
-        rows.append(session(given, HELD + STIFF, {}, folder, seed))
+            rows.append(_session(given, form + FITTED, {**LAW_FORMS[form], **fed}, folder, seed))
+        report(HELD_FORM + STIFF)
+        rows.append(_session(given, HELD_FORM + STIFF, {}, folder, seed))
     rows = [_with_foresight(row, rows) for row in rows]
     own = given.controller.parameters
     friction = {
@@ -144,12 +146,12 @@ def study(seed: int = 1, report: Callable[[str], None] = lambda _: None) -> Inci
 
 def _with_foresight(row: IncisionRow, rows: Sequence[IncisionRow]) -> IncisionRow:
     """A held session with what the one that does not hold foresees; the others with nothing."""
-    free = row.name.replace(HELD, THROUGH)
+    free = row.name.replace(HELD_FORM, THROUGH)
     told = [r.foreseen for r in rows if r.name == free != row.name]
     return replace(row, foreseen=told[0] if told else None)
 
 
-def fitted(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
+def fitted_friction(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
     """Coulomb friction of an arm's joints, fitted to a motion that touches nothing [N m]."""
     told = rig.arms[arm]
     limits, d = limits_of_arm(told, robot_source(told)), len(told.joints)
@@ -171,20 +173,20 @@ def fitted(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[float]:
     still = {"truth_seed": rig.simulation["truth_seed"]}
     alone = replace(rig, controller=ControllerConfig("joint-pd", (arm,), law), simulation=still)
     recorded = folder / f"{arm}.mcap"
-    runner.run(alone, 1.0 + _PERIOD, seed, "lockstep", recorded).enabled()
+    runner.run_session(alone, 1.0 + _PERIOD, seed, "lockstep", recorded).enabled()
     run = load(recorded, arm)
     values = verbs.fit([run], base_model(run.robot, arm)).model.values()
     return [max(0.0, values[f"j{k + 1}.coulomb.fc"].value) for k in range(d)]
 
 
-def session(
+def _session(
     rig: RigConfig, name: str, law: Mapping[str, Any], folder: Path, seed: int
 ) -> IncisionRow:
     """A session with these parameters over those of the rig file."""
     own = replace(rig.controller, parameters={**rig.controller.parameters, **law})
     config, seen = replace(rig, controller=own), _Seen()
     path = folder / "session.mcap"
-    runner.run(config, _SECONDS, seed, "lockstep", path, opener=seen.open).enabled()
+    runner.run_session(config, _SECONDS, seed, "lockstep", path, opener=seen.open).enabled()
     begun = round(_BEGUN / _SECONDS * len(seen.rows))
     off, wall, felt, hand, tip, axes = (np.array(x) for x in zip(*seen.rows, strict=True))
     controller: Any = build_controller(config)
@@ -271,7 +273,7 @@ def command(args: argparse.Namespace) -> Found:
     return text, data
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         r["name"]: (
             1e3 * r["off"],
@@ -286,10 +288,10 @@ def _page_rows(data: Data) -> Rows:
 
 
 def _page_read(found: Means) -> list[str]:
-    alone, through, held = (found[n] for n in FORMS)
-    free_soft, soft = found[THROUGH + SOFT], found[HELD + SOFT]
-    free_fitted, better = found[THROUGH + FITTED], found[HELD + FITTED]
-    stiff, gains = found[HELD + STIFF], _GAINS
+    alone, through, held = (found[n] for n in LAW_FORMS)
+    free_soft, soft = found[THROUGH + HALF_STIFF], found[HELD_FORM + HALF_STIFF]
+    free_fitted, better = found[THROUGH + FITTED], found[HELD_FORM + FITTED]
+    stiff, gains = found[HELD_FORM + STIFF], _GAINS
     return [
         f"Gain: the shaft is {alone[0].mean:.1f} mm off the incision with the goal alone, "
         f"{through[0].mean:.1f} mm with the goal through it and {held[0].mean:.2f} mm held there; "

@@ -31,7 +31,7 @@ from scipy.signal import butter, filtfilt
 
 from hil import terminal
 from hil.errors import FitError
-from hil.experiments.pages import Data, Means, Rows, StudyPage
+from hil.experiments.pages import Means, PageData, StudyPage, TableRows
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
@@ -49,7 +49,7 @@ FloatArray = NDArray[np.float64]
 _TOLERANCE = 1e-6
 #: Speed over which the sign of the Coulomb column is resolved [rad/s].
 _SOFT = 0.02
-NAMES = (
+PARAMETER_NAMES = (
     *Premium.names,
     *(f"j{j}.{c}" for j in (1, 2, 3) for c in ("fc", "fv")),
     *(f"j{j}.kappa" for j in (1, 2, 3)),
@@ -80,7 +80,7 @@ class Identified:
     text: str
 
 
-def regressor(q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray) -> FloatArray:
+def hand_regressor(q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray) -> FloatArray:
     """Columns of (pi, phi, kappa), shape (3 n, 17), joints of an instant together.
 
     Parameters
@@ -91,7 +91,7 @@ def regressor(q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray) -> 
         Commanded motor torque at the joint [N m], filtered like the rest.
     """
     n = len(q)
-    out = np.zeros((n, 3, len(NAMES)))
+    out = np.zeros((n, 3, len(PARAMETER_NAMES)))
     out[:, :, :8] = Premium(()).regressor(q, qd, qdd)
     for j in range(3):
         out[:, j, 8 + 2 * j] = np.tanh(qd[:, j] / _SOFT)
@@ -100,7 +100,7 @@ def regressor(q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray) -> 
     return out.reshape(3 * n, -1)
 
 
-def identify(
+def identify_with_rank(
     q: FloatArray, qd: FloatArray, qdd: FloatArray, u: FloatArray, tau_s: FloatArray
 ) -> Identified:
     """Least squares with the truth about its rank.
@@ -108,7 +108,7 @@ def identify(
     Parameters
     ----------
     q, qd, qdd, u : ndarray (n, 3)
-        See `regressor`.
+        See `hand_regressor`.
     tau_s : ndarray (n, 3)
         Joint torque of the measured force ON the tip, J^T F_s [N m].
 
@@ -117,7 +117,7 @@ def identify(
     FitError
         If the arm never moves.
     """
-    x, y = regressor(q, qd, qdd, u), tau_s.reshape(-1)
+    x, y = hand_regressor(q, qd, qdd, u), tau_s.reshape(-1)
     size = np.sqrt((x**2).mean(axis=0))
     if not size[:8].any() or not np.ptp(q, axis=0).any():
         raise FitError("the arm does not move in this record; nothing can be identified")
@@ -134,10 +134,10 @@ def identify(
     with np.errstate(divide="ignore", invalid="ignore"):  # a column of zeros: its value is unknown
         values = np.where(size > 0, theta / size, np.nan)
         stderr = np.where(lost | (size == 0), np.inf, spread / size)
-    names = tuple(n for n, out in zip(NAMES, lost, strict=True) if out)
+    names = tuple(n for n, out in zip(PARAMETER_NAMES, lost, strict=True) if out)
     return Identified(
-        dict(zip(NAMES, values.tolist(), strict=True)),
-        dict(zip(NAMES, stderr.tolist(), strict=True)),
+        dict(zip(PARAMETER_NAMES, values.tolist(), strict=True)),
+        dict(zip(PARAMETER_NAMES, stderr.tolist(), strict=True)),
         rank,
         float(s[0] / s[rank - 1]),
         names,
@@ -146,7 +146,7 @@ def identify(
 
 
 def _advice(rank: int, u: FloatArray, tau_s: FloatArray) -> str:
-    if rank == len(NAMES):
+    if rank == len(PARAMETER_NAMES):
         return "all parameters are determined, motor constants included"
     if not np.any(tau_s):
         return (
@@ -171,7 +171,7 @@ def richness(q: FloatArray, qd: FloatArray, qdd: FloatArray, cells: int = 10) ->
         normal matrix (at most 0), ``cells``: share of velocity cells visited, ``entropy`` of the
         velocity histogram relative to a uniform one.
     """
-    x = regressor(q, qd, qdd, np.zeros_like(q))[:, :14]
+    x = hand_regressor(q, qd, qdd, np.zeros_like(q))[:, :14]
     unit = x / np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-300)
     s = np.linalg.svd(unit, compute_uv=False)
     top = np.abs(qd).max(axis=0)
@@ -219,7 +219,7 @@ def study(seed: int = 1) -> list[ManualExcitationRow]:
     """Motors alone, hand alone, hand with a small motor torque."""
     t, q, qd, qdd = motion(seed)
     rng, zero = np.random.default_rng(seed), np.zeros_like(q)
-    bare = (regressor(q, qd, qdd, zero) @ _TRUE).reshape(-1, 3)
+    bare = (hand_regressor(q, qd, qdd, zero) @ _TRUE).reshape(-1, 3)
     dither = 0.02 * np.sin(2 * np.pi * t[:, None] * np.array([1.1, 1.7, 0.6]))
     cases = {
         "motors, no hand": (bare / _TRUE[14:], zero),
@@ -229,15 +229,15 @@ def study(seed: int = 1) -> list[ManualExcitationRow]:
     rows = []
     for name, (u, tau_s) in cases.items():
         noise = _NOISE * rng.normal(size=q.shape) if tau_s.any() else zero
-        found = identify(q, qd, qdd, u, tau_s + noise)
-        known = [n for n in NAMES if n not in found.undetermined]
-        errors = [abs(found.values[n] / _TRUE[NAMES.index(n)] - 1) for n in known]
+        found = identify_with_rank(q, qd, qdd, u, tau_s + noise)
+        known = [n for n in PARAMETER_NAMES if n not in found.undetermined]
+        errors = [abs(found.values[n] / _TRUE[PARAMETER_NAMES.index(n)] - 1) for n in known]
         rows.append(ManualExcitationRow(name, found, max(errors, default=float("nan"))))
     return rows
 
 
 #: Motor constant of joint 2 that the simulated leader hides, and the zero-phase filter [Hz].
-WRONG, _CORNER = 1.08, 8.0
+HIDDEN_RATIO, _CORNER = 1.08, 8.0
 
 
 #: Excitations of the rig's leader, and sessions of the motors and of the judge [s].
@@ -270,7 +270,7 @@ class OnTheRig:
 
 
 def on_the_rig(seed: int = 1, seconds: float = 40.0, part: float = 1.0) -> list[OnTheRig]:
-    """Leader of the simulated rig, moved by hand under its law: as built, and with `WRONG`.
+    """Leader of the simulated rig, moved by hand under its law: as built, and with `HIDDEN_RATIO`.
 
     Parameters
     ----------
@@ -285,20 +285,20 @@ def on_the_rig(seed: int = 1, seconds: float = 40.0, part: float = 1.0) -> list[
         "effect": "torque-gain",
         "arm": "leader",
         "joint": "joint2",
-        "amplitude": (WRONG - 1.0) / 0.08,
+        "amplitude": (HIDDEN_RATIO - 1.0) / 0.08,
     }
     out = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.mcap"
-        for name, hidden in (("as built", []), (f"motor 2 x {WRONG:g}", [gain])):
+        for name, hidden in (("as built", []), (f"motor 2 x {HIDDEN_RATIO:g}", [gain])):
             moved = _by_hand(path, hidden, seed, part * seconds)
             played = load_rig(rig_path("identify"), {"simulation": {"hidden": hidden}})
-            runner.run(played, part * _PLAYED, seed, "lockstep", path).enabled()
+            runner.run_session(played, part * _PLAYED, seed, "lockstep", path).enabled()
             driven = _filtered(path)
-            found = identify(*moved)
+            found = identify_with_rank(*moved)
             laws = {
                 BY_MOTORS: _by_motors(driven),
-                BY_HAND: np.array([found.values[n] for n in NAMES]),
+                BY_HAND: np.array([found.values[n] for n in PARAMETER_NAMES]),
             }
             judge = _by_hand(path, hidden, seed + _OTHER, part * _JUDGED)
             out.append(
@@ -324,7 +324,7 @@ def _by_hand(path: Path, hidden: list[Any], seed: int, seconds: float) -> tuple[
     hand = {"kind": "hand", "frequency": 0.8, "size": [0.06, 0.06, 0.06]}
     simulation = {"hidden": hidden, "operator": hand, "gel": {"below_home": 0.01}}
     config = load_rig(rig_path("lawrence"), {"simulation": simulation})
-    runner.run(config, seconds, seed, "lockstep", path).enabled()
+    runner.run_session(config, seconds, seed, "lockstep", path).enabled()
     return _filtered(path)
 
 
@@ -347,7 +347,7 @@ def _filtered(path: Path) -> tuple[FloatArray, ...]:
 def _by_motors(motion: tuple[FloatArray, ...]) -> FloatArray:
     """All 17 values of an arm that its motors move alone; their constants are taken for 1."""
     q, qd, qdd, u, _ = motion
-    x = regressor(q, qd, qdd, u)
+    x = hand_regressor(q, qd, qdd, u)
     theta, *_ = np.linalg.lstsq(x[:, :-3], u.reshape(-1), rcond=None)
     return np.concatenate([theta, np.ones(3)])
 
@@ -355,7 +355,7 @@ def _by_motors(motion: tuple[FloatArray, ...]) -> FloatArray:
 def _error(theta: FloatArray, motion: tuple[FloatArray, ...]) -> float:
     """Error of the force at the tip that a model tells of a motion, over the force's rms."""
     q, qd, qdd, u, tau_s = motion
-    told = (regressor(q, qd, qdd, u) @ theta).reshape(-1, 3)
+    told = (hand_regressor(q, qd, qdd, u) @ theta).reshape(-1, 3)
     back = np.linalg.inv(np.swapaxes(Premium(()).jacobian(q), 1, 2))
     off, force = ((back @ x[:, :, None])[:, :, 0] for x in (told - tau_s, tau_s))
     return float(np.sqrt((off**2).sum() / (force**2).sum()))
@@ -416,9 +416,9 @@ def command(args: argparse.Namespace) -> Found:
     return text, {"rows": [asdict(r) for r in rows], "rig": [asdict(r) for r in rig]}
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     none = float("nan")
-    out: Rows = {
+    out: TableRows = {
         r["name"]: (
             float(r["found"]["rank"]),
             float(r["found"]["condition"]),
@@ -469,8 +469,8 @@ PAGE = StudyPage(
     "An arm with friction and motor constants that are a few percent wrong is moved by its "
     "motors, by a hand at a force sensor, or by both. The identification says which of its 17 "
     "values the motion determines. Then the leader of the simulated rig, as built and with a "
-    f"constant of motor 2 that is {100 * (WRONG - 1):.0f} % off: its motors move it alone, or a "
-    "hand moves it while the law's torques act. *Force error*: of another hand's force at the "
+    f"constant of motor 2 that is {100 * (HIDDEN_RATIO - 1):.0f} % off: its motors move it alone, "
+    "or a hand moves it while the law's torques act. *Force error*: of another hand's force at the "
     "tip, as the model tells it, of its rms. *Richness*: logarithm of the determinant of the "
     "scaled normal matrix; 0 is the most.",
     "Paper II: excitation by hand lowers the relative error of the interaction force by 21 to "

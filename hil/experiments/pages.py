@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-Data = Mapping[str, Any]
+PageData = Mapping[str, Any]
 #: A row's numbers by its name.
-Rows = dict[str, tuple[float, ...]]
+TableRows = dict[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -109,16 +109,16 @@ class StudyPage:
     about: str
     thesis: str
     head: tuple[str, ...]
-    rows: Callable[[Data], Rows]
+    rows: Callable[[PageData], TableRows]
     read: Callable[[Means], list[str]]
     figure: str = ""
     bars: tuple[int, ...] = (0,)
     only: Callable[[str], bool] = lambda name: True
-    test: Callable[[Sequence[Data]], PageTest | None] = lambda runs: None
+    test: Callable[[Sequence[PageData]], PageTest | None] = lambda runs: None
     quick: str = ""
 
 
-def means(page: StudyPage, runs: Sequence[Data]) -> dict[str, list[SeedMean]]:
+def means(page: StudyPage, runs: Sequence[PageData]) -> dict[str, list[SeedMean]]:
     """Means of each row over the runs; a number that a run lacks counts for none of it."""
     tables = [page.rows(run) for run in runs]
     out = {}
@@ -239,7 +239,7 @@ _STROKES = (
 )  # fmt: skip
 
 
-def lines(title: str, places: Sequence[str], series: Mapping[str, Sequence[float]]) -> str:
+def line_chart(title: str, places: Sequence[str], series: Mapping[str, Sequence[float]]) -> str:
     """Line chart as SVG; a line has a gap where there is no number, and is cut off below 0.
 
     Parameters

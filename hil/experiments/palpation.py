@@ -31,7 +31,7 @@ from hil import registry, terminal
 from hil.errors import plural
 from hil.experiments import transparency as rig
 from hil.experiments import without_force_sensors
-from hil.experiments.pages import Data, Means, PageTest, Rows, StudyPage
+from hil.experiments.pages import Means, PageData, PageTest, StudyPage, TableRows
 from hil.models.phantom import Premium
 from hil.record.mcap_read import load
 from hil.rig.config import ControllerConfig, RigConfig, load_rig
@@ -48,11 +48,11 @@ _HZ, _TRIALS, _QUICK_TRIALS = 1.0, 6, 1
 _GEL, _BOLT = 250.0, 400.0
 #: Named designs beside the optimised one: the measure, half as stiff as that may be, and one that
 #: hands half of the force back.
-MEASURE, FREE_FORM = "benchmark (position error)", ", force-sensor-free"
+MEASURE_DESIGN, FREE_FORM = "benchmark (position error)", ", force-sensor-free"
 #: The one with four channels and without sensors, whose forces know no friction.
 FOUR, BARE = "four channels", "four channels, force-sensor-free, no friction model"
-NAMED = {
-    MEASURE: ("position-error", {
+NAMED_DESIGNS = {
+    MEASURE_DESIGN: ("position-error", {
         "stiffness": 75.0, "damping": 0.75, "master_stiffness": 75.0, "master_damping": 0.75,
     }),
     "position-force": ("position-force", {
@@ -102,20 +102,22 @@ class PalpationRow:
 def study(
     seed: int = 1, report: Callable[[str], None] = lambda _: None, trials: int = _TRIALS
 ) -> tuple[list[PalpationRow], dict[str, float]]:
-    """All controllers, and the `differences` between them."""
+    """All controllers, and the `planned_comparisons` between them."""
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        given, axes = rig.arms(rig.identified(folder, seed), without_force_sensors.LAW)
+        given, axes = rig.arm_parameters(
+            rig.identified_arms(folder, seed), without_force_sensors.LAW
+        )
         for controller, designs in controllers(given, axes).items():
             report(controller)
-            law = given | law_parameters.table(designs)
+            law = given | law_parameters.law_table(designs)
             if controller == BARE:
                 law["friction_share"] = 0.0
             row = palpate(controller, designs, law, folder, seed, trials)
             found, expected = stroke(law, folder, seed, max(1, trials // 2))
             rows.append(replace(row, stroked=found, stroke_predicted=expected))
-    return rows, differences(rows)
+    return rows, planned_comparisons(rows)
 
 
 def controllers(given: Mapping[str, Any], axes: ArmImpedances) -> dict[str, list[Design]]:
@@ -130,13 +132,15 @@ def controllers(given: Mapping[str, Any], axes: ArmImpedances) -> dict[str, list
         "experiment",
     )
     best = [f.design for f in rig_designs.optimised({}, axes, config)]
-    four = without_force_sensors.designs(axes)
+    four = without_force_sensors.four_channel_designs(axes)
     out = {"sensitivity-optimised (SO)": best, FOUR: four}
     for name, designs in list(out.items()):
         if any(x > 1e-6 for d in designs for x in (d.c2, d.c3, d.c5, d.c6)):
             out[name + FREE_FORM] = [force_sensor_free.transform(d) for d in designs]
     out[BARE] = out[FOUR + FREE_FORM]
-    return out | {n: rig_designs.designs(kind, wish, axes) for n, (kind, wish) in NAMED.items()}
+    return out | {
+        n: rig_designs.axis_designs(kind, wish, axes) for n, (kind, wish) in NAMED_DESIGNS.items()
+    }
 
 
 def palpate(
@@ -153,7 +157,7 @@ def palpate(
     for trial in range(trials):
         zt, ze = np.array(
             [
-                impedances(folder, law, stiffness, seed + 10 * trial + k)
+                run_impedances(folder, law, stiffness, seed + 10 * trial + k)
                 for k, stiffness in enumerate((_GEL, _BOLT))
             ]
         ).T
@@ -162,7 +166,7 @@ def palpate(
             float(abs(h[0, 1] * h[1, 0] / ((1 + h[1, 1] * ze[0]) * (1 + h[1, 1] * ze[1]))))
         )
     config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
-    design, environment = designs[rig.AXIS], hybrid.Impedance(*config.environment)
+    design, environment = designs[rig.VERTICAL], hybrid.Impedance(*config.environment)
     s = hybrid.jw(summary.band())
     near = hybrid.sensitivity(hybrid.hybrid(design, s), environment(s))
     designed = summary.weighted(near, summary.band())
@@ -197,7 +201,7 @@ def stroked(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Force over depth [N/m] at the leader and at the follower, each beside and above the bolt."""
     path, sides = folder / "stroke.mcap", []
-    runner.run(stroking(law), _STROKES_S, seed, "lockstep", path).enabled()
+    runner.run_session(stroking(law), _STROKES_S, seed, "lockstep", path).enabled()
     runs = [load(path, name) for name in ("leader", "follower")]
     tips = [Premium(()).tip(r.q) for r in runs]
     pushed = [-runs[0].wrench[:, 2], runs[1].wrench[:, 2]]  # type: ignore[index]
@@ -227,14 +231,16 @@ def stroking(law: Mapping[str, Any]) -> RigConfig:
     return replace(config, controller=controller)
 
 
-def impedances(
+def run_impedances(
     folder: Path, law: Mapping[str, Any], stiffness: float, seed: int
 ) -> tuple[complex, complex]:
     """Transmitted and environment's impedance of one run [N s/m]."""
     path = folder / "palpation.mcap"
-    seconds = rig.SETTLE + rig.PERIODS / _HZ
-    runner.run(rig.config_of(law, _HZ, stiffness), seconds, seed, "lockstep", path).enabled()
-    y, u = (x.mean(0) for x in rig.cut(path, _HZ).spectra(1))
+    seconds = rig.SETTLE + rig.CUT_PERIODS / _HZ
+    runner.run_session(
+        rig.rig_of_design(law, _HZ, stiffness), seconds, seed, "lockstep", path
+    ).enabled()
+    y, u = (x.mean(0) for x in rig.last_periods(path, _HZ).spectra(1))
     # y = (f_m, -v_s), u = (v_m, f_s)
     return complex(y[0] / u[0]), complex(-u[1] / y[1])
 
@@ -265,7 +271,7 @@ class MannWhitney:
     high: float
 
 
-def differences(rows: Sequence[PalpationRow]) -> dict[str, float]:
+def planned_comparisons(rows: Sequence[PalpationRow]) -> dict[str, float]:
     """P after Holm of what was asked beforehand; see `compared`."""
     found = compared({r.controller: r.measured for r in rows})
     return {f"{t.first} / {t.second}": t.holm for t in sorted(found, key=lambda t: t.p)}
@@ -278,7 +284,7 @@ def compared(sigma: Mapping[str, Sequence[float]]) -> list[MannWhitney]:
     """
     pairs = [(n, n + FREE_FORM) for n in sigma if n + FREE_FORM in sigma]
     pairs += [(FOUR, BARE)] if BARE in sigma else []
-    pairs += [(n, MEASURE) for n in sigma if n != MEASURE]
+    pairs += [(n, MEASURE_DESIGN) for n in sigma if n != MEASURE_DESIGN]
     raw = [_whitney(sigma[a], sigma[b]) for a, b in pairs]
     holm, least = [1.0] * len(raw), 0.0
     for rank, k in enumerate(np.argsort([p for _, p in raw], kind="stable")):
@@ -336,7 +342,7 @@ def command(args: argparse.Namespace) -> Found:
     return text, {"rows": [asdict(r) for r in rows], "p": p}
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         r["controller"]: (
             float(np.mean(r["measured"])),
@@ -376,7 +382,7 @@ def _page_read(found: Means) -> list[str]:
     ]
 
 
-def _page_test(runs: Sequence[Data]) -> PageTest:
+def _page_test(runs: Sequence[PageData]) -> PageTest:
     """The thesis' Mann-Whitney test, of seeds: trials of one seed share its arms and models."""
     sigma: dict[str, list[float]] = {}
     single: dict[str, list[float]] = {}
@@ -402,9 +408,9 @@ def _page_test(runs: Sequence[Data]) -> PageTest:
     n = len(runs)
     title = (
         f"Exact two-sided Mann-Whitney tests (U, p, and p after Holm) over {n} seeds, a seed "
-        f"with the mean of its {plural(len(single[MEASURE]) // n, 'trial')}. *Shift*: median of "
-        "all differences, the second less the first, and the outermost ones that the test does "
-        "not refuse on the 5 % level."
+        f"with the mean of its {plural(len(single[MEASURE_DESIGN]) // n, 'trial')}. *Shift*: "
+        "median of all differences, the second less the first, and the outermost ones that the "
+        "test does not refuse on the 5 % level."
     )
     head = ("pair", "predicted", "found", "shift", "U", "p", "p, Holm")
     return PageTest(title, head, rows, _page_tested(found, sigma, single, strokes))

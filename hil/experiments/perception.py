@@ -28,22 +28,22 @@ from scipy import stats
 from hil import terminal
 from hil.experiments import palpation, without_force_sensors
 from hil.experiments import transparency as rig
-from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
+from hil.experiments.pages import Means, PageData, SeedMean, StudyPage, TableRows
 from hil.teleop import force_sensor_free, law_parameters, rig_designs
 from hil.teleop.hybrid import FloatArray
 from hil.terminal import Found
 
-SO, FREE, MEASURE, PEN = "with force sensors", "without", "benchmark", "pen"
+SO, WITHOUT_SENSORS, MEASURE, PEN = "with force sensors", "without", "benchmark", "pen"
 #: Gel, and bolts that subjects look for [N/m^1.3].
 _GEL = 250.0
 BOLTS = {"bolt of the palpation study": 400.0, "stiff bolt": 900.0}
-EQUAL = f"{SO} = {FREE}"
+EQUAL = f"{SO} = {WITHOUT_SENSORS}"
 #: Weber fractions of stiffness over subjects; attention lost; cells that may hold the bolt.
 _WEBER, _LAPSE, _CELLS = (0.15, 0.23), 0.02, 4
 #: A small test (the thesis tells no numbers), and trials a controller of one that can decide.
-SUBJECTS, TRIALS, MANY = 10, 3, 40
+SUBJECTS, TRIALS, MANY_TRIALS = 10, 3, 40
 #: Level of the tests, wanted power, margin of equality in the share that is right.
-_ALPHA, _POWER, MARGIN = 0.05, 0.8, 0.1
+_ALPHA, _POWER, EQUALITY_MARGIN = 0.05, 0.8, 0.1
 #: Simulated groups a test; largest group that is looked at.
 _GROUPS, _MOST = 2000, 2000
 
@@ -65,7 +65,7 @@ class PerceptionRow:
     power : float
         Of the small test, against the benchmark; for the pair that of TOST; NaN for the benchmark.
     subjects : float
-        How many decide with `MANY` trials each; infinite above `_MOST`.
+        How many decide with `MANY_TRIALS` trials each; infinite above `_MOST`.
     """
 
     bolt: str
@@ -98,12 +98,14 @@ def signals(seed: int, report: Callable[[str], None], trials: int) -> dict[str, 
     sizes: dict[str, FloatArray] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        given, axes = rig.arms(rig.identified(folder, seed), without_force_sensors.LAW)
+        given, axes = rig.arm_parameters(
+            rig.identified_arms(folder, seed), without_force_sensors.LAW
+        )
         for controller, designs in _controllers(axes).items():
             report(controller)
-            law = given | law_parameters.table(designs)
+            law = given | law_parameters.law_table(designs)
             found = np.array([
-                [palpation.impedances(folder, law, k, seed + 10 * n + i)
+                [palpation.run_impedances(folder, law, k, seed + 10 * n + i)
                  for i, k in enumerate(places)]
                 for n in range(trials)
             ])  # fmt: skip
@@ -114,12 +116,12 @@ def signals(seed: int, report: Callable[[str], None], trials: int) -> dict[str, 
 
 
 def _controllers(axes: Any) -> dict[str, Any]:
-    four = without_force_sensors.designs(axes)
-    kind, wish = palpation.NAMED[palpation.MEASURE]
+    four = without_force_sensors.four_channel_designs(axes)
+    kind, wish = palpation.NAMED_DESIGNS[palpation.MEASURE_DESIGN]
     return {
         SO: four,
-        FREE: [force_sensor_free.transform(d) for d in four],
-        MEASURE: rig_designs.designs(kind, wish, axes),
+        WITHOUT_SENSORS: [force_sensor_free.transform(d) for d in four],
+        MEASURE: rig_designs.axis_designs(kind, wish, axes),
     }
 
 
@@ -158,7 +160,7 @@ def tests(felt: Mapping[str, Mapping[str, Felt]], seed: int) -> list[PerceptionR
             rows.append(
                 PerceptionRow(bolt, c, f.change, index, float(found_share(index)), power, needed)
             )
-        power, needed = _sized(by[SO], by[FREE], _equal, seed)
+        power, needed = _sized(by[SO], by[WITHOUT_SENSORS], _equal, seed)
         none = float("nan")
         rows.append(PerceptionRow(bolt, EQUAL, none, none, none, power, needed))
     return rows
@@ -174,8 +176,8 @@ def _differs(gaps: FloatArray) -> Any:
 
 def _equal(gaps: FloatArray) -> Any:
     """Whether the scores are equal within the margin: two one-sided t tests, (groups,)."""
-    low = _p(gaps, -MARGIN, "greater") < _ALPHA
-    return low & (_p(gaps, MARGIN, "less") < _ALPHA)
+    low = _p(gaps, -EQUALITY_MARGIN, "greater") < _ALPHA
+    return low & (_p(gaps, EQUALITY_MARGIN, "less") < _ALPHA)
 
 
 def _p(gaps: FloatArray, at: float, side: str) -> Any:
@@ -217,13 +219,13 @@ def _sized(one: Felt, two: Felt, test: Test, seed: int) -> tuple[float, float]:
     """Power of the small test, and how many subjects decide with many trials each."""
     small = power(one, two, test, SUBJECTS, TRIALS, seed)
     low, high = 2, 4
-    while power(one, two, test, high, MANY, seed) < _POWER:
+    while power(one, two, test, high, MANY_TRIALS, seed) < _POWER:
         low, high = high, 2 * high
         if high > _MOST:
             return small, float("inf")
     while high - low > 1:
         middle = (low + high) // 2
-        enough = power(one, two, test, middle, MANY, seed) >= _POWER
+        enough = power(one, two, test, middle, MANY_TRIALS, seed) >= _POWER
         low, high = (low, middle) if enough else (middle, high)
     return small, float(high)
 
@@ -243,7 +245,7 @@ def command(args: argparse.Namespace) -> Found:
     return terminal.table(head, cells), data
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     def of(x: float | None, scale: float = 1.0) -> float:
         return float("nan") if x is None else scale * x
 

@@ -30,10 +30,10 @@ import hil
 from hil.errors import ConfigError, DataError, DeviceError, HilError
 from hil.interrupt import held_back, with_its_parent
 from hil.revision import source_revision
-from hil.work import alone
+from hil.work import on_one_thread
 
 Data = dict[str, Any]
-Job = Callable[[str, int], Data]
+RunOne = Callable[[str, int], Data]
 T = TypeVar("T")
 R = TypeVar("R")
 #: Key of the sentence that stands for the data of a run that failed.
@@ -72,7 +72,7 @@ class Where:
     cluster: str = ""
 
 
-def where(args: argparse.Namespace) -> Where:
+def computer(args: argparse.Namespace) -> Where:
     """Who computes, as --workers and --cluster say.
 
     Raises
@@ -118,7 +118,7 @@ def spread(
 
 
 def _one_thread(work: Callable[[T], R], thing: T) -> R:
-    with alone(), threadpool_limits(1):
+    with on_one_thread(), threadpool_limits(1):
         return work(thing)
 
 
@@ -354,7 +354,7 @@ class KeptRuns:
 
 
 def replicate(
-    job: Job,
+    job: RunOne,
     name: str,
     seeds: Sequence[int],
     *,
@@ -409,7 +409,7 @@ def replicate(
     return {seed: found[seed] for seed in seeds}
 
 
-def _run(job: Job, name: str, seed: int) -> str:
+def _run(job: RunOne, name: str, seed: int) -> str:
     """One run as text: every way there gives the same digits."""
     try:
         return json.dumps(job(name, seed))

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from hil import terminal
-from hil.experiments.pages import Data, Means, Rows, SeedMean, StudyPage
+from hil.experiments.pages import Means, PageData, SeedMean, StudyPage, TableRows
 from hil.teleop import force_sensor_free, gate
 from hil.teleop.architecture import Design, MotionTerm, Realisation, RobotImpedance
 from hil.teleop.hybrid import FloatArray, Impedance
@@ -351,7 +351,7 @@ def command(args: argparse.Namespace) -> Found:
     return terminal.table(head, cells), {"rows": [asdict(r) for r in rows]}
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         f"{r['factor']}: {r['level']}" if r["factor"] else r["level"]: (
             r["stable"],

@@ -26,7 +26,7 @@ from scipy import stats
 
 from hil import registry, terminal
 from hil.diagnosis.verbs import fit
-from hil.experiments.pages import Data, Means, Rows, StudyPage
+from hil.experiments.pages import Means, PageData, StudyPage, TableRows
 from hil.models.files import write_model
 from hil.models.model import base_model
 from hil.models.phantom import Premium
@@ -43,14 +43,14 @@ from hil.toml import parse
 PERIOD = 1e-3
 #: Frequencies of the leader's motion [Hz]; whole numbers of samples a period.
 _HZ, _QUICK_HZ = (0.5, 1.0, 2.0, 4.0), (1.0, 4.0)
-PERIODS, SETTLE = 5, 2.0
+CUT_PERIODS, SETTLE = 5, 2.0
 #: Gel under the tip: none, then two stiffnesses [N/m^1.3], 20 mm above the tip's rest.
 _GELS: tuple[float | None, ...] = (None, 250.0, 500.0)
-_UP, AXIS = 0.008, 2
-NAMES = ("h11", "h12", "h21", "h22")
+_UP, VERTICAL = 0.008, 2
+HYBRID_ENTRIES = ("h11", "h12", "h21", "h22")
 #: 95 % bound of a complex error over its standard error estimated from few periods:
 #: |e|^2 / s^2 ~ F(2, 2 (periods - 1)).
-_CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (PERIODS - 1))))
+_CONFIDENCE = float(np.sqrt(stats.f.ppf(0.95, 2, 2 * (CUT_PERIODS - 1))))
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,10 @@ class TransparencyRow:
         return self.error <= self.bound
 
 
-def identified(folder: Path, seed: int) -> dict[str, str]:
+def identified_arms(folder: Path, seed: int) -> dict[str, str]:
     """Model files of both arms from one identifying session of the simulated rig."""
     session = folder / "identify.mcap"
-    runner.run(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session).enabled()
+    runner.run_session(load_rig(rig_path("identify")), 15.0, seed, "lockstep", session).enabled()
     out = {}
     for arm in ("leader", "follower"):
         run = load(session, arm)
@@ -110,7 +110,7 @@ def identified(folder: Path, seed: int) -> dict[str, str]:
     return out
 
 
-def arms(
+def arm_parameters(
     models: Mapping[str, str], settings: Mapping[str, Any]
 ) -> tuple[dict[str, Any], ArmImpedances]:
     """Parameters of the law for the identified arms, and the masses of the axes."""
@@ -125,14 +125,14 @@ def sessions(law: Mapping[str, Any], hz: float, folder: Path, seed: int) -> list
     """Runs in free space and on the gels."""
     out = []
     for k, gel in enumerate(_GELS):
-        config = config_of(law, hz, gel)
+        config = rig_of_design(law, hz, gel)
         path = folder / f"{hz:g}-{k}.mcap"
-        runner.run(config, SETTLE + PERIODS / hz, seed + k, "lockstep", path).enabled()
-        out.append(cut(path, hz))
+        runner.run_session(config, SETTLE + CUT_PERIODS / hz, seed + k, "lockstep", path).enabled()
+        out.append(last_periods(path, hz))
     return out
 
 
-def config_of(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
+def rig_of_design(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig:
     """Rig with a machine on the leader and a gel of this stiffness, or none, 20 mm above home."""
     operator = {"kind": "mechanical", "frequency": hz, "size": [0.0, 0.0, _UP], "onset": 1.0}
     below = 1.0 if gel is None else -0.02
@@ -142,9 +142,9 @@ def config_of(law: Mapping[str, Any], hz: float, gel: float | None) -> RigConfig
     return dataclasses.replace(config, controller=controller)
 
 
-def cut(path: Path, hz: float, axis: int = AXIS) -> Experiment:
+def last_periods(path: Path, hz: float, axis: int = VERTICAL) -> Experiment:
     """Last periods of a session on one axis of the workspace."""
-    n = round(PERIODS / hz / PERIOD)
+    n = round(CUT_PERIODS / hz / PERIOD)
     arm, signals = Premium(()), []
     for name, sign in (("leader", 1.0), ("follower", -1.0)):
         run = load(path, name)
@@ -158,17 +158,17 @@ def cut(path: Path, hz: float, axis: int = AXIS) -> Experiment:
         if len(q) != n:
             raise RuntimeError("the session is shorter than its periods")
     vm, fm, vs, fs = signals
-    return Experiment(vm, fm, vs, fs, PERIODS, PERIOD)
+    return Experiment(vm, fm, vs, fs, CUT_PERIODS, PERIOD)
 
 
 def predicted(law: Mapping[str, Any], hz: FloatArray) -> ComplexArray:
     """Hybrid matrix of the sampled loop on the vertical axis, (n, 2, 2)."""
     config = parse(registry.load("hil.controllers", "lawrence").Config, law, "experiment")
-    loop = law_parameters.loops_of(config)[AXIS]
+    loop = law_parameters.loops_of(config)[VERTICAL]
     return sampled_loop.hybrid_at(loop, 2 * np.pi * hz, PERIOD, encoders=True)
 
 
-def relative(h: ComplexArray, goal: ComplexArray) -> FloatArray:
+def relative_errors(h: ComplexArray, goal: ComplexArray) -> FloatArray:
     """Entrywise |h - goal| over |goal|, each entry's own size, (n, 2, 2)."""
     return np.asarray(np.abs(h - goal) / np.abs(goal), np.float64)
 
@@ -226,26 +226,30 @@ def _both(stiffness: float, damping: float, local: float) -> dict[str, float]:
 
 
 #: Transparent, and stable with every operator and environment of the check before the start.
-FOUR, OTHER, THREE = "four channels", "four channels, other gains", "three channels"
-DESIGNS: dict[str, ShownDesign] = {
+FOUR_CHANNELS, OTHER, THREE_CHANNELS = (
+    "four channels",
+    "four channels, other gains",
+    "three channels",
+)
+SHOWN_DESIGNS: dict[str, ShownDesign] = {
     "position-error": ShownDesign("position-error", _both(200.0, 1.0, 0.0)),
     "position-force": ShownDesign(
         "position-force",
         {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5},
     ),
-    FOUR: ShownDesign.whole("four-channel", 250.0, 1.0, -0.5),
+    FOUR_CHANNELS: ShownDesign.whole("four-channel", 250.0, 1.0, -0.5),
     OTHER: ShownDesign.whole("four-channel", 120.0, 1.0, -0.5),
-    THREE: ShownDesign.whole("three-channel-4", 250.0, 1.5, 0.0),
+    THREE_CHANNELS: ShownDesign.whole("three-channel-4", 250.0, 1.5, 0.0),
 }
 
 
-def law_of(shown: ShownDesign, models: Mapping[str, str]) -> dict[str, Any]:
+def law_of_design(shown: ShownDesign, models: Mapping[str, str]) -> dict[str, Any]:
     """Parameters of the law of a design for the identified arms."""
-    given, axes = arms(models, shown.law)
-    made = rig_designs.designs(shown.name, shown.wish, axes)
+    given, axes = arm_parameters(models, shown.law)
+    made = rig_designs.axis_designs(shown.name, shown.wish, axes)
     if not shown.accelerations:
         made = [rig_designs.without_accelerations(d) for d in made]
-    return given | law_parameters.table(made)
+    return given | law_parameters.law_table(made)
 
 
 def study(
@@ -255,15 +259,15 @@ def study(
     rows: list[TransparencyRow] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        models = identified(folder, seed)
-        for design, shown in DESIGNS.items():
+        models = identified_arms(folder, seed)
+        for design, shown in SHOWN_DESIGNS.items():
             report(design)
             at = tuple(f for f in shown.hz if f in hz)
-            rows += compare(design, law_of(shown, models), at, folder, seed)
+            rows += compare_hybrid(design, law_of_design(shown, models), at, folder, seed)
     return rows
 
 
-def compare(
+def compare_hybrid(
     design: str, law: Mapping[str, Any], hz: tuple[float, ...], folder: Path, seed: int
 ) -> list[TransparencyRow]:
     """Measured against predicted at some frequencies."""
@@ -271,7 +275,7 @@ def compare(
     for k, f in enumerate(hz):
         found = hybrid.estimate_hybrid(sessions(law, f, folder, seed))
         off = np.abs(found.h - goal[k]).reshape(4)
-        for i, entry in enumerate(NAMES):
+        for i, entry in enumerate(HYBRID_ENTRIES):
             h, g, unit = (x.reshape(4)[i] for x in (found.h, goal[k], _scales(goal[k])))
             std = float(found.std.reshape(4)[i])
             rows.append(
@@ -327,7 +331,7 @@ def command(args: argparse.Namespace) -> Found:
     ]
     text = "Hybrid matrix of sessions against the prediction (vertical axis, encoder side)\n"
     text += terminal.table(head, cells)
-    largest = {e: worst(rows, e) for e in NAMES}
+    largest = {e: worst(rows, e) for e in HYBRID_ENTRIES}
     told = ", ".join(f"{e} {100 * x:.1f} %" for e, x in largest.items())
     inside = sum(r.inside for r in rows)
     text += (
@@ -345,7 +349,7 @@ def command(args: argparse.Namespace) -> Found:
     }
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     return {
         f"{r['design']}, {r['entry']}, {r['hz']:g} Hz": (
             r["predicted"],
@@ -358,7 +362,7 @@ def _page_rows(data: Data) -> Rows:
 
 def _page_read(found: Means) -> list[str]:
     classic = ("position-error", "position-force")
-    whole = (FOUR, OTHER, THREE)
+    whole = (FOUR_CHANNELS, OTHER, THREE_CHANNELS)
 
     def worst(entry: str, designs: Sequence[str] = (*classic, *whole)) -> float:
         names = [k for k in found if k.startswith(tuple(f"{d}, {entry}, " for d in designs))]
@@ -371,12 +375,12 @@ def _page_read(found: Means) -> list[str]:
         return f"{min(sizes(design, entry)):.3g} to {max(sizes(design, entry)):.3g}"
 
     def apart(entry: str) -> float:
-        pairs = zip(sizes(FOUR, entry), sizes(OTHER, entry), strict=True)
+        pairs = zip(sizes(FOUR_CHANNELS, entry), sizes(OTHER, entry), strict=True)
         return max(100.0 * abs(a / b - 1.0) for a, b in pairs)
 
     shown = "; ".join(
         f"{name}: h12 {span(name, 'h12')}, h21 {span(name, 'h21')}, h11 {span(name, 'h11')} N s/m"
-        for name in (FOUR, THREE)
+        for name in (FOUR_CHANNELS, THREE_CHANNELS)
     )
     lost = max(max(sizes(name, "h22")) for name in whole)
     return [
@@ -392,7 +396,8 @@ def _page_read(found: Means) -> list[str]:
         "What keeps them from 1 and 0: their terms of acceleration are left out, since the cables "
         "bear them behind a slow filter only. What is missed grows with frequency.",
         "Redundancy: the thesis' conditions leave the local gains free. Two sets of them, with "
-        f"{DESIGNS[FOUR].wish['stiffness']:g} and {DESIGNS[OTHER].wish['stiffness']:g} N/m between "
+        f"{SHOWN_DESIGNS[FOUR_CHANNELS].wish['stiffness']:g} and "
+        f"{SHOWN_DESIGNS[OTHER].wish['stiffness']:g} N/m between "
         f"the arms, differ by at most {apart('h12'):.1f} % in h12 and {apart('h21'):.1f} % in h21.",
         "h11 is what the operator feels in free space. Its prediction is small where the law "
         "compensates the arm, so that friction that no model holds is large beside it.",

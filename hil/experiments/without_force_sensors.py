@@ -18,7 +18,7 @@ import numpy as np
 from hil import registry, terminal
 from hil.errors import ConfigError
 from hil.experiments import transparency as rig
-from hil.experiments.pages import Data, Means, Rows, StudyPage
+from hil.experiments.pages import Means, PageData, StudyPage, TableRows
 from hil.record.container import read
 from hil.record.schema import decode_numbers
 from hil.teleop import force_sensor_free, hybrid, law_parameters
@@ -85,7 +85,7 @@ class SensorFreeStudy:
     refused: str
 
 
-def designs(axes: Any, share: float = 0.3) -> list[Design]:
+def four_channel_designs(axes: Any, share: float = 0.3) -> list[Design]:
     """Design with all four channels on every axis; `share` is c2 = c3."""
     pull = MotionTerm(130.0, 0.8)
     return [
@@ -112,17 +112,17 @@ def study(
     """Both controllers at all frequencies."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        given, axes = rig.arms(rig.identified(folder, seed), LAW)
-        own = designs(axes)
+        given, axes = rig.arm_parameters(rig.identified_arms(folder, seed), LAW)
+        own = four_channel_designs(axes)
         laws = [
-            given | law_parameters.table(own),
-            given | law_parameters.table([force_sensor_free.transform(d) for d in own]),
+            given | law_parameters.law_table(own),
+            given | law_parameters.law_table([force_sensor_free.transform(d) for d in own]),
         ]
         rows = []
         for f in hz:
             report(f"{f:g} Hz")
             rows.append(_row(laws, f, folder, seed))
-    d = own[rig.AXIS]
+    d = own[rig.VERTICAL]
     condition = force_sensor_free.sampled_condition(d, LAW["acceleration_hz"], rig.PERIOD)
     return SensorFreeStudy(
         force_sensor_free.conditioning(d),
@@ -141,14 +141,14 @@ def _row(
     for law in laws:
         runs = rig.sessions(law, hz, folder, seed)
         free.append(_fluctuation(runs[0].fm))
-        gel.append(runs[-1].fm.reshape(rig.PERIODS, -1).mean(axis=0))
+        gel.append(runs[-1].fm.reshape(rig.CUT_PERIODS, -1).mean(axis=0))
         found.append(hybrid.estimate_hybrid(runs).h)
         goal.append(rig.predicted(law, np.array([hz]))[0])
     f_m, of_m, f_s, of_s = _estimates(folder / f"{hz:g}-2.mcap", hz)
     return WithoutForceSensorsRow(
         hz,
-        tuple(rig.relative(goal[1], goal[0]).ravel().tolist()),
-        tuple(rig.relative(found[1], found[0]).ravel().tolist()),
+        tuple(rig.relative_errors(goal[1], goal[0]).ravel().tolist()),
+        tuple(rig.relative_errors(found[1], found[0]).ravel().tolist()),
         f_m,
         of_m,
         f_s,
@@ -161,13 +161,13 @@ def _row(
 def _fluctuation(force: Any) -> float:
     """Rms of a force over whole periods without its mean and the motion's own frequency [N]."""
     lines = np.fft.rfft(force) / force.size
-    lines[[0, rig.PERIODS]] = 0.0
+    lines[[0, rig.CUT_PERIODS]] = 0.0
     return float(np.sqrt(2.0 * np.sum(np.abs(lines) ** 2)))
 
 
 def _estimates(path: Path, hz: float) -> list[float]:
     """Errors and sizes of f_m and f_s as the law believes them, at the motion's frequency [N]."""
-    run = rig.cut(path, hz)
+    run = rig.last_periods(path, hz)
     out: list[float] = []
     topic = read(path).topics["/controller/state"]
     values = decode_numbers(topic)
@@ -177,14 +177,14 @@ def _estimates(path: Path, hz: float) -> list[float]:
         every = round(topic.sequence[-1] - topic.sequence[-2])
         kept = truth[every - 1 :: every]
         guess = values[-kept.size :, names.index(f"{arm}_estimate_z")]
-        wave = np.exp(-2j * np.pi * rig.PERIODS * np.arange(kept.size) / kept.size)
+        wave = np.exp(-2j * np.pi * rig.CUT_PERIODS * np.arange(kept.size) / kept.size)
         out += [float(2 * abs(wave @ x) / kept.size) for x in (guess - kept, kept)]
     return out
 
 
 def _refusal(axes: Any) -> str:
     try:
-        force_sensor_free.transform(designs(axes, share=1.05)[rig.AXIS])
+        force_sensor_free.transform(four_channel_designs(axes, share=1.05)[rig.VERTICAL])
     except ConfigError as error:
         return str(error)
     return ""
@@ -207,7 +207,7 @@ def command(args: argparse.Namespace) -> Found:
         ]
         for r in s.rows
     ]
-    head = ["Hz", *(f"{h} %" for h in rig.NAMES), "f_m error [N]", "f_s error [N]"]
+    head = ["Hz", *(f"{h} %" for h in rig.HYBRID_ENTRIES), "f_m error [N]", "f_s error [N]"]
     head += ["free [N]", "gel %"]
     text = (
         f"With force sensors, and transformed to need none: condition of Q {s.kappa:.3g}, D "
@@ -220,7 +220,7 @@ def command(args: argparse.Namespace) -> Found:
     return text, asdict(s)
 
 
-def _page_rows(data: Data) -> Rows:
+def _page_rows(data: PageData) -> TableRows:
     out = {}
     for r in data["rows"]:
         differ = [100 * x for x in r["measured"]]

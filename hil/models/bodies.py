@@ -285,7 +285,7 @@ def _felt(parent: IntArray, i: int, seen: FloatArray, own: FloatArray, out: Floa
 
 
 @numba.njit(cache=True, nogil=True)
-def frame(
+def frame_motion(
     parent: IntArray,
     turn: FloatArray,
     place: FloatArray,

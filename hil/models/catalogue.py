@@ -136,7 +136,7 @@ def load_text(path: Path, source: bytes, said_in: Path | None = None) -> None:
     spec = importlib.util.spec_from_file_location(_MODULE + path.stem, path)
     if spec is None:
         raise ConfigError(f"plugin {path}: no such Python file")
-    beside = consent.beside(path, source)
+    beside = consent.local_modules(path, source)
     if said_in is not None:
         consent.require(consent.plugin(path, source, beside), str(said_in))
     module = importlib.util.module_from_spec(spec)

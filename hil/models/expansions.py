@@ -52,7 +52,7 @@ UNIT_SPEED = 2.0
 
 
 @lru_cache(maxsize=8)
-def lines(dim: int) -> tuple[FloatArray, ...]:
+def _lines(dim: int) -> tuple[FloatArray, ...]:
     """Centres along each input, level by level; finer where all are small.
 
     Coarse levels cover the range, fine ones the neighbourhood of zero, where friction changes.
@@ -65,7 +65,7 @@ def wavelets(x: FloatArray) -> FloatArray:
     """Mexican hats of inputs x (n, dim), one at every crossing of centres: shape (n, nodes)."""
     n, dim = x.shape
     out = []
-    for level, line in enumerate(lines(dim)):
+    for level, line in enumerate(_lines(dim)):
         # z = 2^m (x - c); |z|^2 is a sum over the inputs, and its exponential a product
         square = (2.0**level * (x.T[:, None] - line[:, None])) ** 2
         bell = np.exp(-square / 2)
@@ -79,7 +79,7 @@ def wavelets(x: FloatArray) -> FloatArray:
 
 def nodes(dim: int) -> int:
     """Wavelets of `dim` inputs."""
-    return sum(len(line) ** dim for line in lines(dim))
+    return sum(len(line) ** dim for line in _lines(dim))
 
 
 def dictionary(motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:

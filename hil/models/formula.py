@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
-Value = TypeVar("Value")
+Operand = TypeVar("Operand")
 #: Functions by name.
 FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
     "sin": np.sin,
@@ -107,8 +107,11 @@ def numbers(text: str) -> set[str]:
 
 
 def states(
-    joints: int, q: Callable[[int], Value], v: Callable[[int], Value], a: Callable[[int], Value]
-) -> dict[str, Value]:
+    joints: int,
+    q: Callable[[int], Operand],
+    v: Callable[[int], Operand],
+    a: Callable[[int], Operand],
+) -> dict[str, Operand]:
     """Names ``q1``, ``v1``, ``a1``, ... of all joints, by what `q`, `v`, `a` make of a number.
 
     Joints are counted from 0 on there.

@@ -176,7 +176,7 @@ def _axes(recording: Recording) -> Robot:
     return IndependentAxes(recording.joints, " ".join(recording.units))
 
 
-PRESETS: dict[str, Callable[[Recording], Robot]] = {
+PRESET_ROBOTS: dict[str, Callable[[Recording], Robot]] = {
     "single-axis": _axes,
     "phantom-premium-1.5": _premium,
     "phantom-omni": _omni,
@@ -198,9 +198,9 @@ def make_robot(source: RobotSource, recording: Recording) -> Robot:
 
         robot: Robot = UrdfRobot(source.urdf, source.tip)
     else:
-        if source.preset not in PRESETS:
-            raise ConfigError(unknown("robot preset", source.preset, PRESETS))
-        robot = PRESETS[source.preset](recording)
+        if source.preset not in PRESET_ROBOTS:
+            raise ConfigError(unknown("robot preset", source.preset, PRESET_ROBOTS))
+        robot = PRESET_ROBOTS[source.preset](recording)
     if len(robot.joints) != recording.d:
         raise ConfigError(
             f"the robot has {len(robot.joints)} joints ({', '.join(robot.joints)}) but "

@@ -367,23 +367,23 @@ def at_tip(motion: Motion) -> bool:
     return bool(motion.wrench.shape[0] == motion.n)
 
 
-def channels(motion: Motion) -> list[int]:
+def _channels(motion: Motion) -> list[int]:
     """Sensor channels: the wrench's three forces (and torques, if it has any), or the joints."""
     if not at_tip(motion):
         return list(range(motion.d))
     return list(range(6 if np.any(motion.wrench[:, 3:]) else 3))
 
 
-def pairs(motion: Motion) -> list[tuple[int, int]]:
+def _pairs(motion: Motion) -> list[tuple[int, int]]:
     """Pairs (a, b) of different channels of one kind, b with a reading."""
-    of = channels(motion)
+    of = _channels(motion)
     kinds = [of[:3], of[3:]] if at_tip(motion) else [of]
     return [(a, b) for kind in kinds for a in kind for b in kind if a != b]
 
 
 def lever(motion: Motion, frame: float) -> FloatArray:
     """Effort of unit readings (n, d, channels): J' with the channels along the frame's axes."""
-    count = len(channels(motion))
+    count = len(_channels(motion))
     if not at_tip(motion):
         return np.broadcast_to(np.eye(motion.d), (motion.n, motion.d, motion.d))
     axes = _axes(motion, frame)
@@ -395,13 +395,13 @@ def lever(motion: Motion, frame: float) -> FloatArray:
     return np.stack(parts, axis=2)
 
 
-def readings(motion: Motion, frame: float) -> FloatArray:
+def _readings(motion: Motion, frame: float) -> FloatArray:
     """What the channels say (n, channels)."""
     if not at_tip(motion):
         return motion.tau_ext
     axes, w = _axes(motion, frame), motion.wrench
     parts = [np.einsum("nij,ni->nj", axes, w[:, k : k + 3]) for k in (0, 3)]
-    return np.concatenate(parts, axis=1)[:, : len(channels(motion))]
+    return np.concatenate(parts, axis=1)[:, : len(_channels(motion))]
 
 
 def _axes(motion: Motion, frame: float) -> FloatArray:
@@ -432,8 +432,8 @@ def _each(letter: str, unit: str = "{unit}") -> Callable[[Motion, int], tuple[Pa
 
     def terms(motion: Motion, j: int) -> tuple[Param, ...]:
         tip = at_tip(motion)
-        names = [_AXES[k] if tip else str(k + 1) for k in channels(motion)]
-        units = ["N m" if tip and k > 2 else "N" if tip else "{F}" for k in channels(motion)]
+        names = [_AXES[k] if tip else str(k + 1) for k in _channels(motion)]
+        units = ["N m" if tip and k > 2 else "N" if tip else "{F}" for k in _channels(motion)]
         return tuple(
             Param(f"{letter}{n}", unit.replace("{unit}", u), f"{letter} of channel {n}")
             for n, u in zip(names, units, strict=True)
@@ -445,14 +445,14 @@ def _each(letter: str, unit: str = "{unit}") -> Callable[[Motion, int], tuple[Pa
 def _felt(motion: Motion, frame: float, own: bool = False) -> FloatArray:
     """J' e of every channel, e = 1 or its own reading, (n, d, channels); zero without a sensor."""
     if _missing(motion, 0):
-        return np.zeros((motion.n, motion.d, len(channels(motion))))
-    shown = readings(motion, frame)
+        return np.zeros((motion.n, motion.d, len(_channels(motion))))
+    shown = _readings(motion, frame)
     return lever(motion, frame) * (shown if own else np.ones_like(shown))[:, None, :]
 
 
 def _stands(f: Fitted, warmth: FloatArray | float = 1.0) -> bool:
     """What a sensor adds to its reading stands in the reading: no more than twice its size."""
-    shown = readings(f.motion, f.shape[-1])
+    shown = _readings(f.motion, f.shape[-1])
     if len(f.beta) != shown.shape[1]:
         return True
     added = np.ones_like(shown) * np.array(f.beta) * warmth
@@ -550,7 +550,7 @@ class ForceDrift(_ForceSensor):
         return _felt(motion, shape[1]) * _warmth(motion, shape[0])[:, :, None]
 
 
-def pushed(motion: Motion) -> str:
+def _pushed(motion: Motion) -> str:
     """Why an error that grows with the force cannot be seen; empty where a force of size acts."""
     size = np.std(motion.tau_ext, axis=0) > SENSED_PUSH * np.std(motion.tau, axis=0)
     return "" if np.any(size) else "the measured force is no more than noise beside the effort"
@@ -569,7 +569,9 @@ class ForceGain(_ForceSensor):
     )
     params = (Param("g", "1", "relative error of a channel"),)
     scope = Scope(
-        Of.TIP, lacks=lambda motion, j: _missing(motion, j) or pushed(motion), terms=_each("g", "1")
+        Of.TIP,
+        lacks=lambda motion, j: _missing(motion, j) or _pushed(motion),
+        terms=_each("g", "1"),
     )
     relations = Relations(twins=(Twin("torque-gain", _by_joint),))
     # a channel that shows half as much again is broken, not out of calibration
@@ -583,8 +585,8 @@ class ForceGain(_ForceSensor):
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' times the channel's own reading, shape (n, d, channels)."""
-        if pushed(motion):
-            return np.zeros((motion.n, motion.d, len(channels(motion))))
+        if _pushed(motion):
+            return np.zeros((motion.n, motion.d, len(_channels(motion))))
         return _felt(motion, shape[0], own=True)
 
 
@@ -596,7 +598,7 @@ def _crossed(f: Fitted) -> bool:
 def _each_pair(motion: Motion, j: int) -> tuple[Param, ...]:
     """One coefficient a pair."""
     names = _AXES if at_tip(motion) else tuple(str(k + 1) for k in range(motion.d))
-    found = [(names[a], names[b]) for a, b in pairs(motion)]
+    found = [(names[a], names[b]) for a, b in _pairs(motion)]
     return tuple(Param(f"e{a}-{b}", "1", f"what {a} shows of {b}") for a, b in found)
 
 
@@ -604,8 +606,8 @@ def _one_channel(motion: Motion, j: int) -> str:
     """Needs two channels that carry something."""
     return (
         _missing(motion, j)
-        or pushed(motion)
-        or ("" if pairs(motion) else "the force sensor has one channel")
+        or _pushed(motion)
+        or ("" if _pairs(motion) else "the force sensor has one channel")
     )
 
 
@@ -629,9 +631,9 @@ class ForceCrosstalk(_ForceSensor):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """J' e_a w_b for every pair of channels (a, b), shape (n, d, pairs)."""
         if _one_channel(motion, j):
-            return np.zeros((motion.n, motion.d, len(pairs(motion))))
-        w, arm = readings(motion, shape[0]), lever(motion, shape[0])
-        return np.stack([arm[:, :, a] * w[:, b : b + 1] for a, b in pairs(motion)], axis=2)
+            return np.zeros((motion.n, motion.d, len(_pairs(motion))))
+        w, arm = _readings(motion, shape[0]), lever(motion, shape[0])
+        return np.stack([arm[:, :, a] * w[:, b : b + 1] for a, b in _pairs(motion)], axis=2)
 
 
 EFFECTS = (

@@ -68,12 +68,12 @@ def passing(
     inertia = link_inertia(motion, j, own)
     weight = link_weight(motion, j)
     passed, *moved = softened(load, speed, inertia, weight, motion.dt, *soft, lag, rub, slow, parts)
-    out = felt(motion, j, *moved)
+    out = _felt(motion, j, *moved)
     out[:, j] = passed - load - rub * np.clip(speed / slow, -1.0, 1.0)
     return out[:, :, None]
 
 
-def felt(
+def _felt(
     motion: Motion, j: int, stretch: FloatArray, rate: FloatArray, second: FloatArray
 ) -> FloatArray:
     """What the other joints feel of a link that is not where the motor is, (n, d).
@@ -373,7 +373,7 @@ class ElasticTransmission(_Resonance):
         passed, stretch, rate = sprung(load, inertia, weight, motion.dt, k, zeta)
         grows = slope(inertia, 1 / motion.dt)
         second = (load - passed - weight * stretch - grows * rate) / inertia
-        out = felt(motion, j, stretch, rate, second)
+        out = _felt(motion, j, stretch, rate, second)
         out[:, j] = passed - load
         return out[:, :, None]
 

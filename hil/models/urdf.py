@@ -174,7 +174,7 @@ class UrdfRobot:
         at = self._model.frames[self._tip].placement
         known = (*self._tree[:4], q @ self._all.T + self._shift, self._held)
         held = np.array(at.translation), np.array(at.rotation)
-        place, axes, jac = bodies.frame(*known, *held)  # type: ignore[call-arg]
+        place, axes, jac = bodies.frame_motion(*known, *held)  # type: ignore[call-arg]
         return place, axes, jac if self._same else jac @ self._all
 
     def tip(self, q: FloatArray) -> FloatArray:

@@ -213,7 +213,7 @@ def _none(d: int) -> MultiStep:
     return MultiStep(0.0, nothing, nothing, 0, 0)
 
 
-def number(x: float, digits: int = 3) -> str:
+def readable_number(x: float, digits: int = 3) -> str:
     """A number for people: significant digits, a dash where there is none."""
     if not math.isfinite(x):
         return "-"
@@ -513,7 +513,7 @@ def with_files(said: str, files: Files) -> str:
     return _ADD.sub(added, said)
 
 
-def command(m: Material, files: Files | None = None) -> str:
+def add_command(m: Material, files: Files | None = None) -> str:
     """Commands that add the findings that are sure; empty if there is nothing to add.
 
     Where the model holds corrections, too, the one that writes all of it.

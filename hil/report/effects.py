@@ -16,7 +16,7 @@ from hil.models.contact import penetration
 from hil.models.effect import Over, Waves
 from hil.models.model import base_model
 from hil.report.data import Material, rounded
-from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, Figure, dots, grid, line
+from hil.report.elements import AFTER, BEFORE, CLOUD, MEASURED, Figure, dots, line_trace, panel_grid
 from hil.report.figures import window
 
 FloatArray = NDArray[np.float64]
@@ -105,7 +105,7 @@ def variable_of(result: FitResult, fit: Learnt) -> Variable:
     over = fit.term.effect.doc.over
     if over is not None:
         return CHOICE[over](result, fit)
-    options = [speed(result, fit), position(result, fit), load(result, fit)]
+    options = [_speed(result, fit), _position(result, fit), _load(result, fit)]
     return max(options, key=lambda v: _ordered(v, fit.effort))
 
 
@@ -134,7 +134,7 @@ def _even(x: FloatArray, count: int) -> FloatArray:
     return np.linspace(low, max(high, low + 1e-12), count + 1)
 
 
-def speed(result: FitResult, fit: Learnt) -> Variable:
+def _speed(result: FitResult, fit: Learnt) -> Variable:
     """Own speed."""
     x, j = result.problem.qd[fit.joint], fit.joint
     return Variable(
@@ -147,7 +147,7 @@ def _direction(result: FitResult, j: int) -> BoolArray:
     return forward
 
 
-def position(result: FitResult, fit: Learnt) -> Variable:
+def _position(result: FitResult, fit: Learnt) -> Variable:
     """Own position; bins fine enough for the effect's period where it has one."""
     x, j = result.problem.q[fit.joint], fit.joint
     periods = fit.term.shape[0] * float(np.ptp(x)) if _periodic(fit.term) else 4.0
@@ -168,11 +168,11 @@ def phase(result: FitResult, fit: Learnt) -> Variable | None:
     j, length = fit.joint, 1 / fit.term.shape[0]
     x = np.mod(result.problem.q[j], length)
     label = f"position within one period of {length:.3g} {_unit(result, j)} [{_unit(result, j)}]"
-    v = position(result, fit)
+    v = _position(result, fit)
     return Variable(x, label, np.linspace(0, length, 25), v.split)
 
 
-def load(result: FitResult, fit: Learnt) -> Variable:
+def _load(result: FitResult, fit: Learnt) -> Variable:
     """Transmitted load."""
     problem, j = result.problem, fit.joint
     x = problem.filtered([m.load for m in problem.motions])[:, j]
@@ -214,7 +214,7 @@ def depth(result: FitResult, fit: Learnt) -> Variable:
     """Penetration; pressing and releasing apart."""
     problem, j = result.problem, fit.joint
     if not np.isfinite(problem.motions[0].contact[j]).all():
-        return position(result, fit)
+        return _position(result, fit)
     parts = [penetration(m, j)[0][:, None] for m in problem.motions]
     x, side = problem.filtered(parts)[:, 0], float(problem.motions[0].contact[j, 1])
     edges = np.linspace(0, max(float(x.max()), 1e-12), 19)
@@ -276,7 +276,7 @@ def elapsed(result: FitResult, fit: Learnt) -> Variable:
     )
 
 
-def turn(result: FitResult, fit: Learnt) -> Variable:
+def _turn(result: FitResult, fit: Learnt) -> Variable:
     """Time within one period of a disturbance, of the longest run."""
     problem, length = result.problem, 1.0 / max(float(fit.term.shape[0]), 1e-9)
     run = np.argmax(np.bincount(problem.run))
@@ -286,14 +286,14 @@ def turn(result: FitResult, fit: Learnt) -> Variable:
 
 
 CHOICE: dict[Over, Callable[[FitResult, Learnt], Variable]] = {
-    Over.SPEED: speed,
-    Over.POSITION: position,
+    Over.SPEED: _speed,
+    Over.POSITION: _position,
     Over.DEPTH: depth,
-    Over.LOAD: load,
+    Over.LOAD: _load,
     Over.OTHER_SPEED: other_speed,
     Over.STRETCH: stretch,
     Over.TIME: elapsed,
-    Over.PERIOD: turn,
+    Over.PERIOD: _turn,
     Over.DISPLACEMENT: displacement,
     Over.EFFORT_RATE: effort_rate,
 }
@@ -329,7 +329,7 @@ def effect_figure(m: Material, finding: Finding, name: str) -> Figure | None:
     loop = fit.term.effect.doc.over is Over.DISPLACEMENT
     right = "folded on one period" if second else "loop over position" if loop else "over time"
     seen = f" on {finding.joint}" if finding.joint else f" (seen on {m.joints[fit.joint]})"
-    fig = grid(1, 2, [finding.effect + seen, right], 330, sideways=0.1)
+    fig = panel_grid(1, 2, [finding.effect + seen, right], 330, sideways=0.1)
     _over(fig, v, fit, 1, True)
     if second:
         _over(fig, second, fit, 2, False)
@@ -411,7 +411,7 @@ def _binned(
     else:
         points["marker"]["symbol"] = "square-open"
     put(points, row=1, col=column)
-    put(line(at, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
+    put(line_trace(at, fitted, names[1], color, width=3, showlegend=legend), row=1, col=column)
 
 
 def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
@@ -424,10 +424,10 @@ def _over_time(fig: Any, result: FitResult, fit: Learnt, loop: bool) -> None:
     part = window(weight, problem.run, int(_SECONDS * problem.rate))
     time = np.arange(part.stop - part.start) / problem.rate
     x = problem.q[fit.joint, part] if loop else time
-    put(line(x, fit.partial[part], "data over time", CLOUD, width=1.6), row=1, col=2)
+    put(line_trace(x, fit.partial[part], "data over time", CLOUD, width=1.6), row=1, col=2)
     drawn = np.where(np.isfinite(fit.partial[part]), fit.effort[part], np.nan)
     put(
-        line(x, drawn, "fitted effect over time", AFTER, width=2.4, showlegend=False),
+        line_trace(x, drawn, "fitted effect over time", AFTER, width=2.4, showlegend=False),
         row=1,
         col=2,
     )

@@ -88,7 +88,7 @@ def escape(text: object) -> str:
     return html.escape(printable(str(text)), quote=True)
 
 
-def table(
+def html_table(
     head: Sequence[str],
     rows: Sequence[Sequence[str]],
     text: Sequence[int] = (0,),
@@ -224,7 +224,7 @@ def warnings(texts: Sequence[str]) -> str:
     return "".join(paragraph(f"Warning: {t}", "warning") for t in texts)
 
 
-def folded(title: str, content: str) -> str:
+def expandable(title: str, content: str) -> str:
     """Part that opens on a click, and on printing."""
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
@@ -289,15 +289,15 @@ def _policy(scripts: Sequence[str]) -> str:
 NESTED = ("title", "marker", "line", "margin", "legend", "font")
 #: Number types that plotly's script reads as binary.
 _BINARY = {"float32": "f4", "float64": "f8"}
-Tree = dict[str, Any]
+FigureSpec = dict[str, Any]
 
 
 # ------------------------------------------------------------ panels
 
 
-def nested(properties: Mapping[str, Any]) -> Tree:
+def nested(properties: Mapping[str, Any]) -> FigureSpec:
     """Properties as a tree: ``title_text`` is ``text`` within ``title``."""
-    out: Tree = {}
+    out: FigureSpec = {}
     for name, value in properties.items():
         head, _, rest = name.partition("_")
         if rest and head in NESTED:
@@ -307,7 +307,7 @@ def nested(properties: Mapping[str, Any]) -> Tree:
     return out
 
 
-def _merge(tree: Tree, more: Mapping[str, Any]) -> None:
+def _merge(tree: FigureSpec, more: Mapping[str, Any]) -> None:
     """Put more into a tree; what is there already is replaced leaf by leaf."""
     for name, value in more.items():
         if isinstance(value, dict) and isinstance(tree.get(name), dict):
@@ -351,8 +351,8 @@ class Panels:
         titles: Sequence[str],
     ) -> None:
         self.rows, self.columns = len(heights), columns
-        self.data: list[Tree] = []
-        self.layout: Tree = {"annotations": [], "shapes": []}
+        self.data: list[FigureSpec] = []
+        self.layout: FigureSpec = {"annotations": [], "shapes": []}
         area = sum(heights) + gap * (self.rows - 1)
         wide = (1.0 - sideways * (columns - 1)) / columns
         top = 1.0
@@ -386,18 +386,18 @@ class Panels:
         k = (row - 1) * self.columns + column
         return (f"x{k}", f"y{k}") if k > 1 else ("x", "y")
 
-    def _axes(self, kind: int, row: int | None, column: int | None) -> Iterator[Tree]:
+    def _axes(self, kind: int, row: int | None, column: int | None) -> Iterator[FigureSpec]:
         for r in range(1, self.rows + 1) if row is None else (row,):
             for c in range(1, self.columns + 1) if column is None else (column,):
                 name = self._names(r, c)[kind]
                 yield self.layout[f"{name[0]}axis{name[1:]}"]
 
-    def add_trace(self, trace: Tree, row: int = 1, col: int = 1) -> None:
+    def add_trace(self, trace: FigureSpec, row: int = 1, col: int = 1) -> None:
         """Draw a trace in one panel."""
         x, y = self._names(row, col)
         self.data.append({**nested(trace), "xaxis": x, "yaxis": y})
 
-    def add_hline(self, y: float, line: Tree, row: int = 1, col: int = 1) -> None:
+    def add_hline(self, y: float, line: FigureSpec, row: int = 1, col: int = 1) -> None:
         """Horizontal line across one panel."""
         across, axis = self._names(row, col)
         self.layout["shapes"].append(
@@ -443,7 +443,7 @@ class Panels:
         """Change what belongs to the whole figure."""
         _merge(self.layout, nested(more))
 
-    def html(self, name: str, config: Tree) -> str:
+    def html(self, name: str, config: FigureSpec) -> str:
         """Division with a script that draws the figure into it."""
         # no "<" within a script: it could end it
         parts = [
@@ -461,7 +461,7 @@ class Panels:
 #: Okabe and Ito's colours, which colour-blind readers tell apart.
 BEFORE, AFTER, MEASURED = "#D55E00", "#0072B2", "#222222"
 RUNGS = (BEFORE, "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#999999")
-CLOUD, FLOOR, BAND = "#9a9a9a", "#444444", "rgba(110,110,110,0.24)"
+CLOUD, FLOOR, BAND_COLOUR = "#9a9a9a", "#444444", "rgba(110,110,110,0.24)"
 FONT = "system-ui, Segoe UI, Helvetica, Arial, sans-serif"
 WIDTH, TOP, _BOTTOM, LEFT = 1040, 76, 56, 78
 #: Look of every axis.
@@ -499,7 +499,7 @@ LAYOUT: dict[str, Any] = {
 # ------------------------------------------------------------ look
 
 
-def grid(
+def panel_grid(
     rows: int,
     columns: int,
     titles: Sequence[str],
@@ -529,17 +529,17 @@ def grid(
     return fig
 
 
-def scatter(**more: Any) -> Tree:
+def scatter(**more: Any) -> FigureSpec:
     """Trace of points or lines."""
     return {"type": "scatter", **more}
 
 
-def bar(**more: Any) -> Tree:
+def bar(**more: Any) -> FigureSpec:
     """Trace of bars."""
     return {"type": "bar", **more}
 
 
-def line(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tree:
+def line_trace(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> FigureSpec:
     """Line trace in single precision; names that were seen before belong with ``showlegend``."""
     dash, width = more.pop("dash", "solid"), more.pop("width", 1.8)
     return scatter(
@@ -553,7 +553,7 @@ def line(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tr
     )
 
 
-def dots(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> Tree:
+def dots(x: FloatArray, y: FloatArray, name: str, color: str, **more: Any) -> FigureSpec:
     """Point trace in single precision."""
     marker = {"color": color, "size": more.pop("size", 3), "opacity": more.pop("opacity", 0.35)}
     return scatter(

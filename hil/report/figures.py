@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from hil.diagnosis.residuals import Spectrum, View, order_spectra, time_spectra, views
 from hil.diagnosis.types import Candidate
 from hil.identify.fit import QUANTITIES, range_limits
-from hil.report.data import Material, number
+from hil.report.data import Material, readable_number
 from hil.report.elements import (
     AFTER,
-    BAND,
+    BAND_COLOUR,
     BEFORE,
     FLOOR,
     MEASURED,
@@ -21,11 +21,11 @@ from hil.report.elements import (
     Figure,
     bar,
     escape,
-    grid,
-    line,
+    html_table,
+    line_trace,
+    panel_grid,
     rung_colors,
     scatter,
-    table,
 )
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ def ladder_figure(m: Material) -> Figure:
     both = not m.external and bool(np.isfinite(multi).any())
     titles = ["error of the predicted effort"]
     titles += [f"simulated: position error in {m.rungs[0].multi_step.horizon:g} s simulations"]
-    fig = grid(1, 2 if both else 1, titles[: 1 + both], 300, sideways=0.1)
+    fig = panel_grid(1, 2 if both else 1, titles[: 1 + both], 300, sideways=0.1)
     values = np.array([m.ratio(r.step) for r in m.rungs])
     labels = [r.step.label for r in m.rungs]
     _bars(fig, m.joints, values, labels, 1)
@@ -139,7 +139,7 @@ def _strength(view: View) -> float:
 def _views(m: Material, j: int, pairs: list[tuple[View, View | None]]) -> Figure:
     rows = -(-len(pairs) // 3)
     columns = min(3, len(pairs))
-    fig = grid(rows, columns, [_title(v) for v, _ in pairs], 180, sideways=0.055)
+    fig = panel_grid(rows, columns, [_title(v) for v, _ in pairs], 180, sideways=0.055)
     top = 1.25 * max(_reach(v) for pair in pairs for v in pair if v is not None)
     for k, (old, new) in enumerate(pairs):
         row, column = k // 3 + 1, k % 3 + 1
@@ -199,7 +199,7 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
             y=2 * band,
             base=(-band).tolist(),
             width=np.diff(edges),
-            marker={"color": BAND, "line_width": 0},
+            marker={"color": BAND_COLOUR, "line_width": 0},
             name="noise band",
             legendgroup="noise band",
             showlegend=legend,
@@ -214,7 +214,7 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
     ):
         if view is not None:
             y = np.repeat(np.where(used, view.mean, np.nan), 2)
-            trace = line(
+            trace = line_trace(
                 np.repeat(edges, 2)[1:-1], y, name, color, dash=dash, width=2.2, showlegend=legend
             )
             fig.add_trace(trace, row=row, col=column)
@@ -222,7 +222,7 @@ def _one_view(fig: Any, old: View, new: View | None, row: int, column: int, lege
     if uneven:
         count = 3 if old.feature == "load" else 5
         at = np.unique(np.round(np.linspace(0, edges.size - 1, count)).astype(int))
-        labels = [number(float(x), 2) for x in old.edges[at]]
+        labels = [readable_number(float(x), 2) for x in old.edges[at]]
         if old.feature.endswith("since-reversal"):
             labels[-1] = "more"  # the last bin has no end
         ticks |= {"tickmode": "array", "tickvals": at, "ticktext": labels}
@@ -260,15 +260,17 @@ def spectra_figures(m: Material) -> list[Figure]:
 
 def _figure(m: Material, j: int, found: list[list[Spectrum]]) -> Figure:
     titles = [TITLES[s.feature] for s in found[0]]
-    fig = grid(-(-len(titles) // 2), 2, titles, 190)
+    fig = panel_grid(-(-len(titles) // 2), 2, titles, 190)
     names = ("before", "after") if len(found) > 1 else ("model",)
     for k, s in enumerate(found[0]):
         row, column = k // 2 + 1, k % 2 + 1
         fig.add_trace(
-            line(s.x, s.band, "noise band", BAND, width=5, showlegend=k == 0), row=row, col=column
+            line_trace(s.x, s.band, "noise band", BAND_COLOUR, width=5, showlegend=k == 0),
+            row=row,
+            col=column,
         )
         for own, name, color in zip(found, names, (BEFORE, AFTER), strict=False):
-            trace = line(own[k].x, own[k].amplitude, name, color, showlegend=k == 0)
+            trace = line_trace(own[k].x, own[k].amplitude, name, color, showlegend=k == 0)
             fig.add_trace(trace, row=row, col=column)
         unit = "Hz" if s.unit == "Hz" else f"periods per {s.unit[2:]}"
         low, high = np.log10([s.x[s.x > 0].min(), s.x.max()])
@@ -314,10 +316,10 @@ def top_candidates(m: Material) -> list[Candidate]:
     ranked = [c for c in m.first.candidates if c.absorbed < 1 - 1e-6]
     named = {(f.effect, f.joint) for f in (*m.findings, *m.partial)}
     chosen = ranked[:CANDIDATES]
-    return chosen + [c for c in ranked[CANDIDATES:] if (c.name, place(m, c)) in named]
+    return chosen + [c for c in ranked[CANDIDATES:] if (c.name, _place(m, c)) in named]
 
 
-def place(m: Material, c: Candidate) -> str | None:
+def _place(m: Material, c: Candidate) -> str | None:
     """Joint of a candidate, None for one of the whole robot."""
     whole = c.term.effect.scope.of_robot
     return None if whole else m.joints[c.term.joint]
@@ -335,8 +337,8 @@ def candidates_figure(m: Material) -> Figure | None:
     chosen = top_candidates(m)
     if not chosen:
         return None
-    labels = [escape(f"{c.name} on {place(m, c)}" if place(m, c) else c.name) for c in chosen]
-    fig = grid(1, 1, [""], 25.0 * len(chosen) + 20)
+    labels = [escape(f"{c.name} on {_place(m, c)}" if _place(m, c) else c.name) for c in chosen]
+    fig = panel_grid(1, 1, [""], 25.0 * len(chosen) + 20)
     _share_bars(fig, m, chosen, labels)
     share = [100 * explained(m, c) for c in chosen]
     numbers = [f"{x:.0f} %" if x >= 0.95 else f"{x:.1f} %" for x in share]
@@ -385,23 +387,23 @@ def candidates_table(m: Material) -> str:
     """The same in numbers; accepted effects set off."""
     chosen = top_candidates(m)
     named = {(f.effect, f.joint) for f in (*m.findings, *m.partial)}
-    strong = [k for k, c in enumerate(chosen) if (c.name, place(m, c)) in named]
+    strong = [k for k, c in enumerate(chosen) if (c.name, _place(m, c)) in named]
     rows = [
         [
             c.name,
-            place(m, c) or "whole robot",
+            _place(m, c) or "whole robot",
             f"{100 * explained(m, c):.1f} %",
-            number(c.chi2, 4),
-            number(c.price),
-            number(c.score, 4),
-            number(c.p_value, 2),
+            readable_number(c.chi2, 4),
+            readable_number(c.price),
+            readable_number(c.score, 4),
+            readable_number(c.p_value, 2),
             f"{100 * c.absorbed:.1f} %",
         ]
         for c in chosen
     ]
     head = ["effect", "joint", "explains", "chi2", "penalty", "chi2 - penalty", "p value"]
     head.append("imitated by the model")
-    return table(head, rows, (0, 1), strong) if rows else ""
+    return html_table(head, rows, (0, 1), strong) if rows else ""
 
 
 _SECONDS, _POINTS = 5.0, 700
@@ -443,7 +445,7 @@ def trace_figure(m: Material) -> Figure:
     part = slice(part.start, part.stop, step)
     titles = [t for joint in m.joints for t in (joint, "")]
     heights = [170.0, 100.0] * len(m.joints)
-    fig = grid(2 * len(m.joints), 1, titles, heights, gap=54)
+    fig = panel_grid(2 * len(m.joints), 1, titles, heights, gap=54)
     time = np.arange(part.start, part.stop, step) / m.problem.rate
     time = time - time[0]
     for j in range(len(m.joints)):
@@ -466,14 +468,14 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
     # what the filter or a standstill leaves out is zero in the sums, and no curve
     there = np.where(old.effort[j, part] != 0.0, 0.0, np.nan)
     y = old.effort[j, part] + there
-    put(line(time, y, "measured", MEASURED, width=2.4, showlegend=first), row=top, col=1)
+    put(line_trace(time, y, "measured", MEASURED, width=2.4, showlegend=first), row=top, col=1)
     floor = float(m.floor[j])
     band = scatter(
         x=[0, time[-1], time[-1], 0],
         y=[floor, floor, -floor, -floor],
         fill="toself",
         mode="none",
-        fillcolor=BAND,
+        fillcolor=BAND_COLOUR,
         name="noise floor",
         legendgroup="floor",
         showlegend=first,
@@ -487,8 +489,12 @@ def _joint(fig: Any, m: Material, j: int, part: slice, time: FloatArray) -> None
         cases.append((new, after_name(m), AFTER, "solid"))
     for held, name, color, dash in cases:
         r = held.residual[j, part] + there
-        put(line(time, y - r, name, color, dash=dash, showlegend=first), row=top, col=1)
-        put(line(time, r, name, color, dash=dash, width=1.4, showlegend=False), row=below, col=1)
+        put(line_trace(time, y - r, name, color, dash=dash, showlegend=first), row=top, col=1)
+        put(
+            line_trace(time, r, name, color, dash=dash, width=1.4, showlegend=False),
+            row=below,
+            col=1,
+        )
     unit, axes = m.effort_unit(j), fig.update_yaxes
     fig.update_xaxes(showticklabels=False, ticks="", row=top, col=1)
     axes(title_text=f"effort [{unit}]", row=top, col=1)

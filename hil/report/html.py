@@ -22,20 +22,20 @@ from hil.report.data import (
     COMPARED,
     Files,
     Material,
-    command,
+    add_command,
     from_comparison,
     from_diagnosis,
-    number,
+    readable_number,
 )
 from hil.report.effects import effect_figure
 from hil.report.elements import (
     document,
     escape,
-    folded,
+    expandable,
+    html_table,
     items,
     paragraph,
     section,
-    table,
     typeset,
     verdict_box,
     warnings,
@@ -102,7 +102,7 @@ def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
     body = f"<h1>{escape(title)}</h1>" + top(m, files)
     if m.rungs:
         body += "".join(
-            (ladder(m), _fails(m), _tried(m), effects(m), traces(m), parameters(m), _further(m))
+            (_ladder(m), _fails(m), _tried(m), _effects(m), traces(m), _parameters(m), _further(m))
         )
     body += provenance(m)
     write_text(path, document(title, body, figures=bool(m.rungs)))
@@ -111,13 +111,13 @@ def _write(m: Material, path: str | Path, files: Files | None = None) -> None:
 def top(m: Material, files: Files | None = None) -> str:
     """Headline, what it rests on, what to do next."""
     box = verdict_box(text.headline(m), text.details(m, files), text.tone(m))
-    lines_to_type = command(m, files)
+    lines_to_type = add_command(m, files)
     pre = f"<pre>{escape(lines_to_type)}</pre>" if lines_to_type else ""
     after = f'<div class="next"><b>What to do next</b>{items(text.next_steps(m))}{pre}</div>'
     return box + after
 
 
-def ladder(m: Material) -> str:
+def _ladder(m: Material) -> str:
     """Errors of every model beside the noise floor."""
     judged = (
         "sessions that were not fitted"
@@ -143,7 +143,7 @@ def ladder(m: Material) -> str:
 def _numbers(m: Material) -> str:
     """Both errors of every model; one column a joint, or one row where there are many."""
     rows = [["model", *m.joints], *(_errors(m, r) for r in m.rungs)]
-    floor = [f"{number(m.relative_floor(j))} %" for j in range(len(m.joints))]
+    floor = [f"{readable_number(m.relative_floor(j))} %" for j in range(len(m.joints))]
     rows.append(["noise floor", *floor])
     for r in [] if m.external else m.rungs:
         cells = [_simulated(float(x)) for x in r.multi_step.relative]
@@ -152,9 +152,9 @@ def _numbers(m: Material) -> str:
             cells = [_simulated(float(x)) for x in r.multi_step.closed_loop.relative]
             rows.append([f"closed-loop replay, {r.step.label}", *cells])
     if len(m.joints) <= 4:
-        return table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
+        return html_table(rows[0], rows[1:], strong=[len(m.rungs) - 1])
     turned = [list(column) for column in zip(*rows, strict=True)]
-    return table(["joint", *turned[0][1:]], turned[1:])
+    return html_table(["joint", *turned[0][1:]], turned[1:])
 
 
 def _errors(m: Material, r: Rung) -> list[str]:
@@ -202,7 +202,7 @@ def _network(m: Material) -> str:
     )
     rows = [[s.joint, s.feature.removeprefix("network: "), f"{s.share:.0%}"] for s in m.network]
     lead = paragraph("How much of the remaining error functions of these variables could explain:")
-    return lead + table(["joint", "variables", "share"], rows) + paragraph(note, "note")
+    return lead + html_table(["joint", "variables", "share"], rows) + paragraph(note, "note")
 
 
 def _strongest(found: dict[str, list[Region]], most: int) -> list[str]:
@@ -232,7 +232,7 @@ def candidates(m: Material) -> str:
     return section("Candidates", body if listed else paragraph("None was tried."), tail)
 
 
-def effects(m: Material) -> str:
+def _effects(m: Material) -> str:
     """Each learnt effect over the data."""
     parts = []
     for k, f in enumerate((*m.findings, *m.partial)):
@@ -240,7 +240,7 @@ def effects(m: Material) -> str:
         if not figure:
             continue
         effect = catalogue.get(f.effect)
-        parts.append(f"<h3>{escape(text.where(f))}</h3>")
+        parts.append(f"<h3>{escape(text.effect_on_joint(f))}</h3>")
         parts.append(paragraph(f"{text.meaning(f.effect)}."))
         parts.append(f'<p class="equation">{typeset(effect.doc.equation)}</p>')
         values = [text.value(n, v, m.joints) for n, v in f.parameters.items()]
@@ -262,7 +262,7 @@ def traces(m: Material) -> str:
 
 def _percent(x: float) -> str:
     """A share for people; a dash where there is none."""
-    return f"{number(x)} %" if math.isfinite(x) else "-"
+    return f"{readable_number(x)} %" if math.isfinite(x) else "-"
 
 
 #: Simulated error [%] from which on it is no size of anything.
@@ -303,7 +303,7 @@ def _further(m: Material) -> str:
         parts += ["<h3>Notes</h3>", items(notes)]
     if standing:
         names = "; ".join(f"{s.effects[0]} from {', '.join(s.effects[1:])}" for s in standing)
-        parts.append(folded(f"No motion alone tells apart: {names}", _sets(standing)))
+        parts.append(expandable(f"No motion alone tells apart: {names}", _sets(standing)))
     return section("What these data cannot tell apart, and what to measure next", *parts)
 
 
@@ -312,7 +312,7 @@ def _sets(sets: list[Indistinguishable]) -> str:
         [" / ".join(s.effects), s.why, ": ".join(x for x in (s.experiment, s.command) if x)]
         for s in sets
     ]
-    return table(["effects", "why", "motion that would show it"], rows, (0, 1, 2))
+    return html_table(["effects", "why", "motion that would show it"], rows, (0, 1, 2))
 
 
 #: Metadata of a session worth printing.
@@ -324,7 +324,7 @@ FOLD_FROM = 4
 # ------------------------------------------------------------ parameters and provenance
 
 
-def parameters(m: Material) -> str:
+def _parameters(m: Material) -> str:
     """Values with unit, standard error and flags; what was added first, rigid body folded."""
     new = m.after.result.values
     added = [n for f in (*m.findings, *m.partial) for n in f.parameters if n in new]
@@ -336,7 +336,7 @@ def parameters(m: Material) -> str:
         rigid = []
     plain = [n for n in new if n not in added and n not in rigid]
     main = _values(m, [*added, *plain], len(added))
-    rest = folded(f"{len(rigid)} rigid-body parameters", _values(m, rigid, 0)) if rigid else ""
+    rest = expandable(f"{len(rigid)} rigid-body parameters", _values(m, rigid, 0)) if rigid else ""
     note = (
         "Standard errors allow for residuals that are correlated in time. 'Only in combination': "
         "these data determine it only together with other parameters; its own value means nothing."
@@ -353,9 +353,9 @@ def _values(m: Material, names: list[str], strong: int) -> str:
     rows = [_row(n, new[n], m.joints) for n in names]
     if several:
         head.append("in the first model")
-        first = [number(old[n].value, 4) if n in old else "" for n in names]
+        first = [readable_number(old[n].value, 4) if n in old else "" for n in names]
         rows = [[*row, x] for row, x in zip(rows, first, strict=True)]
-    return table(head, rows, (0, 3, 4), range(strong)) if rows else ""
+    return html_table(head, rows, (0, 3, 4), range(strong)) if rows else ""
 
 
 def _row(name: str, v: Value, joints: tuple[str, ...]) -> list[str]:
@@ -368,12 +368,18 @@ def _row(name: str, v: Value, joints: tuple[str, ...]) -> list[str]:
     if v.identifiable and not v.at_bound and (why := without_error(name, v)):
         remarks.append(f"no standard error: {why}")
     unit = "" if v.unit == "1" else v.unit
-    return [name, number(v.value, 4), number(v.stderr, 2), unit, ", ".join(remarks)]
+    return [
+        name,
+        readable_number(v.value, 4),
+        readable_number(v.stderr, 2),
+        unit,
+        ", ".join(remarks),
+    ]
 
 
 def provenance(m: Material) -> str:
     """Sessions, band, versions."""
-    rows = written_by()
+    rows = program_rows()
     if m.rungs:
         problem, held = m.problem, m.before.heldout
         rows.append(["arm", ", ".join(dict.fromkeys(r.arm for r in problem.recordings))])
@@ -392,7 +398,7 @@ def provenance(m: Material) -> str:
         other = held.kind == "holdout"
         judged = ", ".join(held.names) if other else "blocks of the fitted sessions"
         rows.append(["judged on", judged or "other sessions"])
-    return section("Provenance", table(["", ""], rows, (0, 1)))
+    return section("Provenance", html_table(["", ""], rows, (0, 1)))
 
 
 def _run(r: Recording) -> str:
@@ -401,7 +407,7 @@ def _run(r: Recording) -> str:
     return "; ".join([text, *(f"{k.replace('_', ' ')} {v}" for k, v in known.items() if v)])
 
 
-def written_by() -> list[list[str]]:
+def program_rows() -> list[list[str]]:
     """Rows on the program that writes a page: day, version, revision of its source."""
     revision, dirty = source_revision()
     changed = ", with changes" if dirty == "true" else ""

@@ -223,7 +223,7 @@ def markup(shown: Any) -> str:
     made = sheet(shown)
     parts = [f"<b>{elements.escape(made.title)}</b>", *(elements.paragraph(s) for s in made.lines)]
     if made.rows:
-        parts.append(elements.table(made.head, made.words(), made.left()))
+        parts.append(elements.html_table(made.head, made.words(), made.left()))
     return f"<div>{''.join(parts)}</div>"
 
 

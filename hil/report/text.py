@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hil.diagnosis.artefacts import BLURRED, ROUNDED, at_reversals, blurred_above
 from hil.diagnosis.constants import ADEQUATE, CONFIDENT, HALF, WORTH
-from hil.diagnosis.floor import NETWORK, TIME, known_to, told
-from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE
-from hil.diagnosis.preconditions import GRAVITY, LOST, NO_MASSES
+from hil.diagnosis.floor import NETWORK, TIME, function_sentences, known_to
+from hil.diagnosis.heldout import BOTH, DIFFER, HELD_OUT_ADVICE, RIG_STATE
+from hil.diagnosis.preconditions import GRAVITY_WARNING, LOST, NO_MASSES
 from hil.diagnosis.residual_tests import (
     BENT,
     CHANGED,
@@ -48,7 +48,7 @@ from hil.models.effect import Trait
 from hil.models.model import Value, in_words, without_error
 from hil.record.checks import OF_UNITS, SILENT
 from hil.record.consistency import notes_of
-from hil.report.data import COMPARED, Files, Material, number, with_files
+from hil.report.data import COMPARED, Files, Material, readable_number, with_files
 
 FloatArray = NDArray[np.float64]
 #: Colour of the verdict's bar.
@@ -87,7 +87,7 @@ LEADING = (
     NO_GEOMETRY,
     RECORDED_LATE,
     LOST,
-    GRAVITY,
+    GRAVITY_WARNING,
     DIFFER,
     BLURRED,
     ROUNDED,
@@ -113,7 +113,7 @@ def meaning(effect: str) -> str:
         return ""
 
 
-def where(f: Finding) -> str:
+def effect_on_joint(f: Finding) -> str:
     """E.g. ``stribeck on joint2``."""
     return f"{f.effect} on {f.joint}" if f.joint else f.effect
 
@@ -246,7 +246,7 @@ def laws(which: Sequence[UnnamedCorrection], files: Files | None = None) -> list
     return out
 
 
-def worst(m: Material) -> int:
+def _worst(m: Material) -> int:
     """Joint whose first error stands farthest above its floor."""
     return int(m.ratio(m.before).argmax())
 
@@ -256,7 +256,7 @@ def _apart(m: Material) -> list[str]:
     return _said(m, DIFFER)
 
 
-def doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
+def unit_doubts(warnings: Sequence[tuple[str, str]]) -> list[str]:
     """What says that a value may be in another unit or of another sign, once for several runs.
 
     Parameters
@@ -285,7 +285,7 @@ def silent_joints(warnings: Sequence[tuple[str, str]]) -> list[str]:
     return list(dict.fromkeys(n.joint for n in notes_of(warnings, SILENT)))
 
 
-def changed(m: Material) -> list[str]:
+def _changed(m: Material) -> list[str]:
     """Sentences on values that changed at once."""
     return _said(m, CHANGED)
 
@@ -320,7 +320,7 @@ def tone(m: Material) -> str:
 def _undecided(findings: Sequence[Finding]) -> str:
     """What is sure of an ambiguous answer, and what is likely."""
     open_ = [f for f in findings if f.confidence < CONFIDENT] or list(findings)
-    sure = [where(f) for f in findings if f not in open_]
+    sure = [effect_on_joint(f) for f in findings if f not in open_]
     likely = listed([_likeliest(f) for f in open_])
     if not sure:
         return (
@@ -336,15 +336,15 @@ def _likeliest(f: Finding) -> str:
     """An effect; behind its rivals where these weigh more."""
     weights = f.rival_weights if len(f.rival_weights) == len(f.rivals) else [0.0] * len(f.rivals)
     heavier = [r for r, w in zip(f.rivals, weights, strict=True) if w > f.confidence]
-    return " or ".join([*heavier, where(f)])
+    return " or ".join([*heavier, effect_on_joint(f)])
 
 
 def headline(m: Material) -> str:
     """The verdict in one sentence."""
-    names = listed([where(f) for f in m.findings]) if m.findings else ""
+    names = listed([effect_on_joint(f) for f in m.findings]) if m.findings else ""
     if m.verdict == "missing-effect":
-        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
-        perhaps = [where(f) for f in m.findings if f.confidence < CONFIDENT]
+        sure = [effect_on_joint(f) for f in m.findings if f.confidence >= CONFIDENT]
+        perhaps = [effect_on_joint(f) for f in m.findings if f.confidence < CONFIDENT]
         lead = f"{len(sure)} effects: " if len(sure) > 1 else ""
         tail = f", and perhaps {listed(perhaps)}" if perhaps else ""
         return f"The model lacks {lead}{listed(sure)}{tail}.{rest(m)}"
@@ -389,7 +389,7 @@ def headline(m: Material) -> str:
         return "Nothing can be concluded from these data, neither for nor against the model."
     if m.verdict == "bad-data":
         return "The recording or the robot description is faulty; no fit makes sense."
-    j = worst(m)
+    j = _worst(m)
     ratio = float(m.ratio(m.before)[j])
     tail = "all joints are at the noise floor" if ratio <= 1.1 else f"{m.joints[j]} is worst"
     return f"Held-out error is up to {ratio:.2f} times the noise floor: {tail}."
@@ -486,21 +486,21 @@ def details(m: Material, files: Files | None = None) -> list[str]:
         What was analysed, for the commands.
     """
     out = (
-        (doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
+        (unit_doubts(m.warnings) if m.rungs and m.verdict != "not-identifiable" else [])
         + _said(m, NO_GEOMETRY)
         + _said(m, RECORDED_LATE)
         + _said(m, TOUCHED)
         + _said(m, PUSHED)
         + _said(m, HIGH_FLOOR)
         + _said(m, LOST)
-        + _said(m, GRAVITY)
+        + _said(m, GRAVITY_WARNING)
         + [_finding(m, f) for f in m.findings]
     )
     out += _said(m, BLURRED) + _said(m, ROUNDED)
-    out += _apart(m) + changed(m) + _said(m, BENT) + _unlike(m) + _said(m, COMMON)
+    out += _apart(m) + _changed(m) + _said(m, BENT) + _unlike(m) + _said(m, COMMON)
     for f in m.partial:
         out.append(
-            f"Best partial explanation: {where(f)} ({_errors(m, f)}; it explains "
+            f"Best partial explanation: {effect_on_joint(f)} ({_errors(m, f)}; it explains "
             f"{percent(f.excess_explained)} % of the squared error above the noise floor). It is "
             f"not named as the cause: {f.reason}."
         )
@@ -512,10 +512,10 @@ def details(m: Material, files: Files | None = None) -> list[str]:
     if m.verdict == "not-identifiable" or not m.rungs:
         out += [text for _, text in m.warnings]
     if m.rungs and not (m.findings or m.partial or m.verdict == "not-identifiable"):
-        j = worst(m)
+        j = _worst(m)
         held, ratio = m.before.heldout, float(m.ratio(m.before)[j])
         out += [floor_says(m.beyond)] if m.verdict == "adequate" else []
-        out += [f"{line[:1].upper()}{line[1:]}." for line in told(m.network)]
+        out += [f"{line[:1].upper()}{line[1:]}." for line in function_sentences(m.network)]
         out.append(
             f"Largest error relative to the noise floor: {m.joints[j]} with "
             f"{held.relative[j]:.2f} % of the "
@@ -528,8 +528,9 @@ def _finding(m: Material, f: Finding) -> str:
     sure = "" if f.confidence >= CONFIDENT else ", too low to name it as the cause"
     rivals = f" Rivals with this motion: {', '.join(f.weighed_rivals)}." if f.rivals else ""
     text, errors = meaning(f.effect), _errors(m, f)
+    name = effect_on_joint(f)
     return (
-        f"{where(f)[:1].upper()}{where(f)[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
+        f"{name[:1].upper()}{name[1:]}{f': {text[:1].lower()}{text[1:]}' if text else ''}. "
         f"Confidence {_chance(f.confidence)}{sure}. {errors[:1].upper()}{errors[1:]}; this "
         f"explains {percent(f.excess_explained)} % of the squared error above the noise floor."
         f"{rivals}"
@@ -577,15 +578,15 @@ def floor_says(beyond: float | None) -> str:
 
 def cell(value: float, floor: float) -> str:
     """Error in percent with its multiple of the floor."""
-    return f"{number(value)} % ({floor:.2f} x)"
+    return f"{readable_number(value)} % ({floor:.2f} x)"
 
 
 def value(name: str, v: Value, joints: tuple[str, ...] = ()) -> str:
     """A parameter, e.g. ``j2.stribeck.fs = 0.031 N m (standard error 0.0007)``."""
-    text = f"{name} = {number(v.value, 4)}" + ("" if v.unit == "1" else f" {v.unit}")
+    text = f"{name} = {readable_number(v.value, 4)}" + ("" if v.unit == "1" else f" {v.unit}")
     said, why = in_words(name, v.value, joints), without_error(name, v)
     notes = [said] if said else []
-    notes += [f"standard error {number(v.stderr, 2)}"] if v.stderr == v.stderr else []
+    notes += [f"standard error {readable_number(v.stderr, 2)}"] if v.stderr == v.stderr else []
     notes += [f"no standard error: {why}"] if why else []
     return text + (f" ({'; '.join(notes)})" if notes else "")
 
@@ -621,7 +622,7 @@ _RATE = "sample-rate"
 #: Where what is left acts at low speed.
 SLOWLY = "Record slow strokes with many starts and turns: they show friction at low speed."
 #: Verdict -> what follows from it alone.
-FIXED = {
+VERDICT_CONSEQUENCES = {
     "adequate": [
         "Use the model within the range of motion that was recorded.",
         "For use beyond this range, record faster, slower and wider motion.",
@@ -673,7 +674,7 @@ def _separable(s: Indistinguishable) -> bool:
 
 def _doubted(f: Finding) -> str:
     """A name that is not to be relied on, and why."""
-    return f"Do not rely on {where(f)} yet: {f.reason}."
+    return f"Do not rely on {effect_on_joint(f)} yet: {f.reason}."
 
 
 def _listed(s: Indistinguishable, findings: Sequence[Finding]) -> bool:
@@ -694,34 +695,38 @@ def _steps(m: Material) -> list[str]:
     named = {f.effect for f in m.findings}
     rivals = [s for s in m.sets if named & set(s.effects)]
     if m.verdict == "missing-effect":
-        sure = [where(f) for f in m.findings if f.confidence >= CONFIDENT]
+        sure = [effect_on_joint(f) for f in m.findings if f.confidence >= CONFIDENT]
         steps = [f"{ACCEPT} {listed(sure)}; all parameters are fitted again."]
         steps += [
-            f"Confirm {where(f)} on a new recording: {shown_by(f.effect)}."
+            f"Confirm {effect_on_joint(f)} on a new recording: {shown_by(f.effect)}."
             for f in m.findings
             if f.confidence >= CONFIDENT
         ]
         return steps + [_doubted(f) for f in m.findings if f.confidence < CONFIDENT]
     if _undescribed(m) or (m.verdict == "ambiguous" and of_geometry(m.findings)):
         return [DESCRIBE, AGAIN]
-    if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in changed(m)):
+    if m.verdict in ("adequate", "unexplained") and any(FIT_APART in x for x in _changed(m)):
         return _of_changes(m)
     if m.verdict in ("adequate", "unexplained") and _apart(m):
-        what = ADVICE if any(n.kind == STATE for n in notes_of(m.warnings, DIFFER)) else BOTH
+        what = (
+            HELD_OUT_ADVICE
+            if any(n.kind == RIG_STATE for n in notes_of(m.warnings, DIFFER))
+            else BOTH
+        )
         return [f"{what}.", AGAIN]
     if m.verdict == "unexplained" and only_there(m.after, m.last, m.floor):
         return [f"{BOTH}: the fitted motion hardly shows what acts there.", AGAIN]
-    if m.verdict == "unexplained" and changed(m):
+    if m.verdict == "unexplained" and _changed(m):
         return _of_changes(m)
     if m.verdict == "unexplained" and (
-        _said(m, LOST) or any(NO_MASSES in text for text in _said(m, GRAVITY))
+        _said(m, LOST) or any(NO_MASSES in text for text in _said(m, GRAVITY_WARNING))
     ):
         return [_APART, AGAIN]
     if m.verdict == "unexplained" and _unlike(m) and not m.network:
         slow = all(STARTS in text for text in _unlike(m))
         return [SLOWLY if slow else _ELSEWHERE, AGAIN]
     if m.verdict == "unexplained" and m.problem.runs > 1 and _changes_with_time(m):
-        return [EACH_ALONE, *FIXED[m.verdict]]
+        return [EACH_ALONE, *VERDICT_CONSEQUENCES[m.verdict]]
     if m.verdict == "ambiguous":
         # what the table does not list as a rival is not to be separated first
         some = [s for s in rivals if _listed(s, m.findings)]
@@ -730,7 +735,7 @@ def _steps(m: Material) -> list[str]:
         doubted = [_doubted(f) for f in m.findings if f.confidence < CONFIDENT and not f.rivals]
         among = any(f.rivals for f in m.findings)
         return [*([wait] if among else []), *separating[:3], *doubted]
-    steps = list(FIXED[m.verdict])
+    steps = list(VERDICT_CONSEQUENCES[m.verdict])
     silent = silent_joints(m.warnings)
     if m.verdict == "adequate" and silent:
         steps[0] = (
@@ -753,7 +758,7 @@ def _changes_with_time(m: Material) -> bool:
 
 def _of_changes(m: Material) -> list[str]:
     """What to do where a value changed within a run, or from one to the next."""
-    told = " ".join(changed(m))
+    told = " ".join(_changed(m))
     return [*(f"{what}." for what in (CUT_THERE, FIT_APART) if what in told), AGAIN]
 
 

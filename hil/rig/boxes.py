@@ -17,7 +17,7 @@ from hil.rig.config import SIMULATED, BoxConfig, DeviceConfig, RigConfig
 from hil.rig.frame_capture import Taps
 from hil.signals.bus import Bus
 from hil.signals.device import FloatArray, IntArray, Status
-from hil.toml import parse, within
+from hil.toml import in_table, parse
 
 _PLACE = re.compile(r"(-?)([^/]+)/(\d+)")
 
@@ -151,7 +151,7 @@ def used_channels(config: RigConfig, box: str) -> tuple[int, ...]:
     return tuple(sorted({p.channel for p in spots if p.box == box}))
 
 
-def plan(config: RigConfig) -> dict[str, dict[str, Any]]:
+def wiring_plan(config: RigConfig) -> dict[str, dict[str, Any]]:
     """What a simulation must know of the boxes that it is to answer for."""
     found: dict[str, dict[str, Any]] = {}
     for box, backend in backends(config).items():
@@ -189,10 +189,13 @@ def open_boxes(
     used = backends(config)
     told_apart(config, used)
     taps = taps or Taps(config)
-    return {name: open_box(config, name, used[name], simulated, stack, taps) for name in used}
+    return {
+        name: open_simulated_or_real(config, name, used[name], simulated, stack, taps)
+        for name in used
+    }
 
 
-def open_box(
+def open_simulated_or_real(
     config: RigConfig,
     name: str,
     backend: str,
@@ -260,12 +263,12 @@ def check_box(config: RigConfig, name: str, used: bool) -> None:
 
 def options_of(group: str, table: BoxConfig | DeviceConfig, where: str) -> Any:
     """Options in a table of a rig file, checked by the driver that it names."""
-    with within(where):
+    with in_table(where):
         driver = registry.load(group, table.driver)
     return parse(driver.Config, table.options, f"{where}.options")
 
 
-def describe(box: Any) -> str:
+def describe_box(box: Any) -> str:
     """What an open box is and does, in its own words where it has some."""
     if hasattr(box, "describe"):
         return str(box.describe())

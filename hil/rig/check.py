@@ -13,7 +13,7 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.excite import trajectory
 from hil.excite.trajectory import INF, Limits, of_robot
-from hil.excite.trajectory import check as check_motion
+from hil.excite.trajectory import check_fits_arm as check_motion
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.rig import boxes
@@ -21,7 +21,7 @@ from hil.rig.boxes import check_roles
 from hil.rig.config import ArmConfig, RigConfig, robot_source
 from hil.signals import settable
 from hil.signals.settable import ArmDescription
-from hil.toml import parse, within
+from hil.toml import in_table, parse
 
 
 def check_tables(config: RigConfig) -> None:
@@ -50,7 +50,7 @@ def _check_arm(options: Any, name: str, arm: ArmConfig, called: str) -> None:
     """Refuse a device whose driver says that it is not of its arm."""
     refuse = getattr(options, "refuse_arm", None)
     if refuse is not None:
-        with within(f"devices.{name}"):
+        with in_table(f"devices.{name}"):
             refuse(called, "" if arm.own else arm.robot, len(arm.joints))
 
 
@@ -63,13 +63,13 @@ def check_parameters(config: RigConfig) -> None:
         As for an operator's ``set``.
     """
     given = config.controller.parameters
-    with within("controller"):
+    with in_table("controller"):
         law = registry.load("hil.controllers", config.controller.name)
     parameters = parse(law.Config, given, "controller.parameters")
     if getattr(law, "JUDGED", False):
         return
     known = settable.ranges(parameters)
-    with within("controller.parameters"):
+    with in_table("controller.parameters"):
         for name in known.keys() & given.keys():
             value = getattr(parameters, name)
             settable.checked(name, value if isinstance(value, tuple) else (value,), known)
@@ -138,7 +138,7 @@ def check_trajectory(config: RigConfig) -> None:
     path = config.controller.parameters.get("trajectory")
     if not isinstance(path, str) or not path:
         return
-    motion = trajectory.read(path)
+    motion = trajectory.read_trajectory(path)
     for arm in config.controller.arms:
         table = config.arms[arm]
         source = robot_source(table)
@@ -187,7 +187,7 @@ def limits_of_arm(arm: ArmConfig, source: RobotSource, center: tuple[float, ...]
     return out
 
 
-def described(arm: ArmConfig) -> ArmDescription:
+def arm_description(arm: ArmConfig) -> ArmDescription:
     """What a law or a simulator is told of an arm."""
     source = robot_source(arm)
     limits = limits_of_arm(arm, source)

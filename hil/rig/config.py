@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import ConfigError, DataError, unknown
-from hil.models.robots import PRESETS
+from hil.models.robots import PRESET_ROBOTS
 from hil.record.locked import locked_urdf
 from hil.record.recording import RobotSource, tag_record
 from hil.record.schema import FIELD
@@ -228,10 +228,10 @@ class ArmConfig:
 
     def _refuse_robot(self) -> None:
         """Refuse a robot that is neither a preset nor a URDF, and joints that cannot be run."""
-        if not self.own and self.robot not in PRESETS:
+        if not self.own and self.robot not in PRESET_ROBOTS:
             raise ConfigError(
-                f"{unknown('robot', self.robot, PRESETS)} A robot of your own is a URDF beside "
-                'the rig file, e.g. robot = "arm.urdf".'
+                f"{unknown('robot', self.robot, PRESET_ROBOTS)} A robot of your own is a URDF "
+                'beside the rig file, e.g. robot = "arm.urdf".'
             )
         d = len(self.joints)
         if not 1 <= d <= MOST_JOINTS or (d != 3 and not self.own):

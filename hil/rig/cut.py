@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
-from hil.consent import command, found_by_env, interpreted
+from hil.consent import found_by_env, interpreted, quoted_command
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
 from hil.userfile import open_regular
@@ -68,7 +68,7 @@ def proven(safety: SafetyConfig) -> tuple[str, ...]:
 def _given(words: tuple[str, ...]) -> None:
     """Refuse a command whose interpreter is given a script that is not there."""
     inner = found_by_env(words)
-    what = f"[safety] cut: {command(words)!r}"
+    what = f"[safety] cut: {quoted_command(words)!r}"
     if inner is not words and (not inner or shutil.which(inner[0]) is None):
         raise ConfigError(
             f"{what} is to run {inner[0] if inner else 'nothing'}, which is not found. "

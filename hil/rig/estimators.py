@@ -15,7 +15,7 @@ from hil import registry
 from hil.errors import ConfigError
 from hil.rig.config import EstimatorConfig, RigConfig
 from hil.signals.device import Controller, Estimator, FloatArray
-from hil.signals.frame import WRENCH, FrameLayout
+from hil.signals.frame import WRENCH_COMPONENTS, FrameLayout
 from hil.toml import parse
 
 
@@ -86,7 +86,7 @@ class Accompanied:
         estimates = (f"{c.name}_{n}" for c in self.companions for n in c.estimator.names)
         rest = (f"kept{k}" for k in range(memory - self.flag))
         self.state_names = (*estimates, *law.state_names, *rest)
-        self._u = np.zeros((len(limits), 2 * limits.shape[1] + WRENCH))
+        self._u = np.zeros((len(limits), 2 * limits.shape[1] + WRENCH_COMPONENTS))
         self._views: dict[int, tuple[Any, ...]] = {}
 
     def update(
@@ -184,7 +184,7 @@ def anew(controller: Controller, before: Controller, x: FloatArray) -> FloatArra
         State of the one that ran.
     """
     out = np.zeros(len(controller.state_names))
-    old, new = beside(before), beside(controller)
+    old, new = estimators_beside(before), estimators_beside(controller)
     if new and [(c.name, c.estimator.memory) for c in old] == [
         (c.name, c.estimator.memory) for c in new
     ]:
@@ -201,17 +201,17 @@ def _flag(controller: Controller) -> int:
     return controller.flag if isinstance(controller, Accompanied) else 0
 
 
-def law_of(controller: Controller) -> Controller:
+def bare_law(controller: Controller) -> Controller:
     """The law without its estimators."""
     return controller.law if isinstance(controller, Accompanied) else controller
 
 
-def beside(controller: Controller) -> list[Companion]:
+def estimators_beside(controller: Controller) -> list[Companion]:
     """Estimators beside a law."""
     return controller.companions if isinstance(controller, Accompanied) else []
 
 
 def layout(arms: int, joints: int, controller: Controller) -> FrameLayout:
     """Row of the ring for this law and its estimators, of arms with so many joints."""
-    estimates = sum(len(c.estimator.names) for c in beside(controller))
-    return FrameLayout(arms, len(law_of(controller).state_names), estimates, joints)
+    estimates = sum(len(c.estimator.names) for c in estimators_beside(controller))
+    return FrameLayout(arms, len(bare_law(controller).state_names), estimates, joints)

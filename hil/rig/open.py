@@ -16,10 +16,10 @@ from hil.rig import boxes as cabling
 from hil.rig import estimators, safety
 from hil.rig.boxes import BoxWire, CanDrives, only_gauges, open_boxes, places, trouble, wired
 from hil.rig.check import (
+    arm_description,
     check_parameters,
     check_tables,
     check_trajectory,
-    described,
     device_options,
     limits_of_arm,
     measures_force,
@@ -41,7 +41,7 @@ from hil.signals.device import (
     Wire,
 )
 from hil.signals.frame import GAUGES
-from hil.toml import parse, within
+from hil.toml import in_table, parse
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class ArmPort:
     torque_limit, speed_limit : ndarray (d,)
         [N m], [rad/s].
     limits : ndarray
-        Of `hil.rig.safety.limits`.
+        Of `hil.rig.safety.safety_limits`.
     tip : callable or None
         Writes the tip position [m] of a posture into an array (3,), where there is a `box`.
     box : ndarray (2, 3) or None
@@ -188,7 +188,7 @@ def port_of(arm: str, config: RigConfig, devices: Mapping[str, Device]) -> ArmPo
     robot = limits_of_arm(limits, robot_source(limits))
     boxed = bool(limits.workspace_min or limits.workspace_max)
     force_range = float(getattr(force[0], "max_force", np.inf)) if force else np.inf
-    numbers = safety.limits(limits, robot, config.safety, force_range)
+    numbers = safety.safety_limits(limits, robot, config.safety, force_range)
     _refuse_lamps(arm, limits, numbers)
     return ArmPort(
         _watched(joints[0], mine, config),
@@ -342,7 +342,7 @@ def open_rig(config: RigConfig, seed: int, bench: Any = None) -> Rig:
 
 def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controller) -> Rig:
     """Rig whose devices and boxes `stack` closes."""
-    plan = cabling.plan(config)
+    plan = cabling.wiring_plan(config)
     buses = bench.buses(plan) if bench is not None and plan else {}
     taps = Taps(config)
     boxes = open_boxes(config, buses, stack, taps)
@@ -351,7 +351,7 @@ def _open(config: RigConfig, bench: Any, stack: ExitStack, controller: Controlle
     for name, device in config.devices.items():
         driver, options = registry.load("hil.drivers", device.driver), device_options(config, name)
         wire = _wire(name, config, bench, boxes, taps)
-        with within(f"devices.{name}"), _step(name, device.driver, "cannot be opened"):
+        with in_table(f"devices.{name}"), _step(name, device.driver, "cannot be opened"):
             devices[name] = opened = driver.open_device(name, wire, options, period)
         stack.callback(_close, name, device.driver, opened)
     ports = [port_of(arm, config, devices) for arm in config.controller.arms]
@@ -391,8 +391,8 @@ def check_forces(config: RigConfig, controller: Controller) -> None:
     ConfigError
         Names the law, the arm, and what to do.
     """
-    fed = {c.arm for c in estimators.beside(controller) if c.feeds}
-    for row in getattr(estimators.law_of(controller), "needs_force", ()):
+    fed = {c.arm for c in estimators.estimators_beside(controller) if c.feeds}
+    for row in getattr(estimators.bare_law(controller), "needs_force", ()):
         arm = config.controller.arms[row]
         if row not in fed and not measures_force(config, arm):
             mine = ", ".join(n for n, d in config.devices.items() if d.arm == arm) or "none"
@@ -406,12 +406,12 @@ def check_forces(config: RigConfig, controller: Controller) -> None:
 
 def build_controller(config: RigConfig) -> Controller:
     """Law of the rig with its parameters, and the estimators beside it."""
-    with within("controller"):
+    with in_table("controller"):
         law = registry.load("hil.controllers", config.controller.name)
     name, given = config.controller.name, config.controller.parameters
     with registry.blaming("hil.controllers", name, f"the law {name!r} cannot be built"):
         parameters = parse(law.Config, given, "controller.parameters")
-        with within("controller"):
+        with in_table("controller"):
             built = _law(law, parameters, config)
         if not registry.own("hil.controllers", name):
             built = _PlugInLaw(built, name)
@@ -422,7 +422,7 @@ def _law(law: Any, parameters: Any, config: RigConfig) -> Controller:
     """A law of any number of joints is told the robots; the others are of arms of three."""
     arms, period = config.controller.arms, config.loop.period_ns * 1e-9
     if getattr(law, "ANY_JOINTS", False):
-        robots = tuple(described(config.arms[arm]) for arm in arms)
+        robots = tuple(arm_description(config.arms[arm]) for arm in arms)
         found: Controller = law.build(parameters, arms, period, robots)
         return found
     d = len(config.arms[arms[0]].joints)
@@ -452,7 +452,7 @@ def bench_of(config: RigConfig, seed: int) -> Any:
         return None
     section: dict[str, Any] = dict(config.simulation)
     open_bench = registry.load("hil.sim_devices", str(section.get("bench", "ideal")))
-    arms = {a: described(t) for a, t in config.arms.items() if t.own}
+    arms = {a: arm_description(t) for a, t in config.arms.items() if t.own}
     return open_bench(arms or force_sensors(config), section, config.loop.period_ns, seed)
 
 

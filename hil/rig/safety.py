@@ -88,7 +88,7 @@ def _mask(reaction: Reaction) -> int:
 PAUSING, FAULTING = _mask(Reaction.PAUSE), _mask(Reaction.FAULT)
 
 
-def named(mask: int) -> list[Condition]:
+def named_conditions(mask: int) -> list[Condition]:
     """Conditions of a recorded mask, the worst first."""
     found = [c for k, c in enumerate(TABLE) if mask >> k & 1]
     return sorted(found, key=lambda c: -c.reaction)
@@ -96,7 +96,7 @@ def named(mask: int) -> list[Condition]:
 
 def sentence(mask: int) -> str:
     """What a mask means, in words, the worst first."""
-    return "; ".join(c.text for c in named(mask)) or "nothing is wrong"
+    return "; ".join(c.text for c in named_conditions(mask)) or "nothing is wrong"
 
 
 #: Ticks before a fault that are looked back at.
@@ -121,7 +121,7 @@ def alternates(efforts: FloatArray) -> FloatArray:
     return out
 
 
-def beyond(mask: int, joints: Sequence[str], q: Any, qd: Any, lim: Any) -> list[str]:
+def violations(mask: int, joints: Sequence[str], q: Any, qd: Any, lim: Any) -> list[str]:
     """Which joints are what a mask says, with values and limits; empty where it is of no joint.
 
     Parameters
@@ -133,7 +133,7 @@ def beyond(mask: int, joints: Sequence[str], q: Any, qd: Any, lim: Any) -> list[
     q, qd : ndarray (d,)
         Positions and speeds of that tick.
     lim : ndarray
-        Of `limits`.
+        Of `safety_limits`.
 
     Returns
     -------
@@ -254,12 +254,14 @@ _CLAMPED, _STALE, _INVALID = int(Status.CLAMPED), int(Status.STALE), int(Status.
 
 
 def memory(lim: FloatArray) -> FloatArray:
-    """Empty memory of an arm with these `limits`."""
+    """Empty memory of an arm with these `safety_limits`."""
     d = int(lim[_D])
     return np.zeros(_JOINTS + _KEPT * d + int(lim[_ROWS + _BOUNDS * d]))
 
 
-def limits(arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: float) -> FloatArray:
+def safety_limits(
+    arm: ArmConfig, robot: Limits, safety: SafetyConfig, force_range: float
+) -> FloatArray:
     """Numbers that `examine` takes.
 
     Parameters
@@ -302,7 +304,7 @@ def lamps(numbers: FloatArray) -> tuple[float, float]:
     Parameters
     ----------
     numbers : ndarray
-        Of `limits`.
+        Of `safety_limits`.
     """
     yellow, red = (float(x) for x in numbers[_FORCE : _FORCE + 2])
     return (yellow if isfinite(yellow) else 0.0, red if isfinite(red) else 0.0)
@@ -338,7 +340,7 @@ def sensors(js: int, cf: int, memory: Any, lim: Any) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
-def excess(x: float, low: float, high: float) -> float:
+def _excess(x: float, low: float, high: float) -> float:
     """How far `x` is outside of a range; 0 within, infinite for what is no number."""
     if low <= x <= high:
         return 0.0
@@ -346,7 +348,7 @@ def excess(x: float, low: float, high: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def room(low: float, high: float, longest: float) -> float:
+def _room(low: float, high: float, longest: float) -> float:
     """How much further out of its range something may get, once it may be outside."""
     return _FURTHER * min(high - low, longest)
 
@@ -358,7 +360,7 @@ def _further(out: float, may: Any, at: int, more: float) -> bool:
     Parameters
     ----------
     out : float
-        Of `excess`.
+        Of `_excess`.
     may : ndarray
         At `at` how far it may be out; becomes 0 where it is back within.
     more : float
@@ -371,7 +373,7 @@ def _further(out: float, may: Any, at: int, more: float) -> bool:
 
 
 @nb.njit(cache=True, nogil=True)
-def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
+def out_of_range(q: Any, memory: Any, lim: Any, allow: bool) -> int:
     """Joints and folds that are out of their ranges; whether one may not be goes into `memory`.
 
     With `allow` those that are out may be as far out as they are, by a command of the operator.
@@ -379,19 +381,19 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
     mask, acute = 0, 0.0
     for i in range(q.size):
         row, at = _ROWS + _BOUNDS * i, _JOINTS + _KEPT * i + _MAY
-        out = excess(q[i], lim[row + _LOW], lim[row + _HIGH])
+        out = _excess(q[i], lim[row + _LOW], lim[row + _HIGH])
         if allow:
             memory[at] = out
-        if _further(out, memory, at, room(lim[row + _LOW], lim[row + _HIGH], _LONGEST)):
+        if _further(out, memory, at, _room(lim[row + _LOW], lim[row + _HIGH], _LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     folds = _ROWS + _BOUNDS * q.size
     for k in range(int(lim[folds])):
         n, at = folds + 1 + 4 * k, _JOINTS + _KEPT * q.size + k
-        out = excess(q[int(lim[n])] - q[int(lim[n + 1])], lim[n + 2], lim[n + 3])
+        out = _excess(q[int(lim[n])] - q[int(lim[n + 1])], lim[n + 2], lim[n + 3])
         if allow:
             memory[at] = out
-        if _further(out, memory, at, room(lim[n + 2], lim[n + 3], _LONGEST)):
+        if _further(out, memory, at, _room(lim[n + 2], lim[n + 3], _LONGEST)):
             acute = 1.0
         mask |= _RANGE if out > 0.0 else 0
     memory[ACUTE] = acute
@@ -399,9 +401,9 @@ def ranges(q: Any, memory: Any, lim: Any, allow: bool) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
-def moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> int:
+def _moved(q: Any, qd: Any, dt: float, single: bool, memory: Any, lim: Any) -> int:
     """Range, speed and steps of the joints."""
-    mask = ranges(q, memory, lim, False)
+    mask = out_of_range(q, memory, lim, False)
     for i in range(q.size):
         own, row = _JOINTS + _KEPT * i, _ROWS + _BOUNDS * i
         if fabs(qd[i]) > lim[row + _SPEED]:
@@ -495,7 +497,7 @@ def examine(
         memory[_SEEN], memory[ACUTE] = min(memory[_SEEN], 1.0), 0.0
     else:
         memory[_SEEN] += 1.0
-        mask |= moved(q, qd, dt, single, memory, lim)
+        mask |= _moved(q, qd, dt, single, memory, lim)
     mask |= _driven(sent, dt, memory, lim) | pressed(wrench, memory, lim)
     memory[HOTTEST] = hottest(memory, lim)
     return mask
@@ -533,7 +535,7 @@ def exceeded(sent: Any, torque_limit: Any) -> bool:
 
 
 @nb.njit(cache=True, nogil=True)
-def finite(values: Any) -> bool:
+def all_finite(values: Any) -> bool:
     """Whether all are numbers."""
     for i in range(values.size):
         if not isfinite(values[i]):
@@ -549,10 +551,10 @@ def outside(tip: Any, box: Any, may: Any, allow: bool) -> int:
     """
     found = 0
     for i in range(3):
-        out = excess(tip[i], box[0, i], box[1, i])
+        out = _excess(tip[i], box[0, i], box[1, i])
         if allow:
             may[i] = out
-        if _further(out, may, i, room(box[0, i], box[1, i], _TIP_LONGEST)):
+        if _further(out, may, i, _room(box[0, i], box[1, i], _TIP_LONGEST)):
             found = 2
         elif out > 0.0 and found == 0:
             found = 1

@@ -11,7 +11,7 @@ from hil.signals.device import Controller
 from hil.signals.settable import SettableRange, told
 
 #: Words of the command ``record``, and whether rows are written after them.
-RECORD = {"on": True, "off": False}
+RECORD_WORDS = {"on": True, "off": False}
 
 
 class Operated(Protocol):
@@ -87,7 +87,7 @@ class OperatorCommand:
     apply: Callable[[Operated], None]
 
 
-def parse(text: str, shop: Workshop) -> OperatorCommand:
+def parse_command(text: str, shop: Workshop) -> OperatorCommand:
     """Command from a line such as ``pause`` or ``set force_scale 0.5``.
 
     Raises
@@ -96,9 +96,9 @@ def parse(text: str, shop: Workshop) -> OperatorCommand:
         For an unknown command, parameter, or value.
     """
     words = text.split()
-    if not words or words[0] not in COMMANDS:
-        raise ConfigError(unknown("command", words[0] if words else "", COMMANDS))
-    form, build = COMMANDS[words[0]]
+    if not words or words[0] not in OPERATOR_COMMANDS:
+        raise ConfigError(unknown("command", words[0] if words else "", OPERATOR_COMMANDS))
+    form, build = OPERATOR_COMMANDS[words[0]]
     try:
         return OperatorCommand(" ".join(words), build(words[1:], shop))
     except ConfigError:
@@ -158,8 +158,8 @@ def _note(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
 
 def _record(words: Sequence[str], _: Workshop) -> Callable[[Operated], None]:
     """Nothing to the loop: the slow side acts on it, from the tick of its event on."""
-    if len(words) != 1 or words[0] not in RECORD:
-        raise ValueError(f"one of {', '.join(RECORD)} is needed")
+    if len(words) != 1 or words[0] not in RECORD_WORDS:
+        raise ValueError(f"one of {', '.join(RECORD_WORDS)} is needed")
     return lambda loop: None
 
 
@@ -186,7 +186,9 @@ def _number(text: str) -> float:
 
 
 #: name -> usage, and what makes it.
-COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Operated], None]]]] = {
+OPERATOR_COMMANDS: dict[
+    str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Operated], None]]]
+] = {
     "start": ("start", _start),
     "stop": ("stop", _stop),
     "quit": ("quit", _stop),
@@ -199,9 +201,10 @@ COMMANDS: dict[str, tuple[str, Callable[[Sequence[str], Workshop], Callable[[Ope
 }
 
 
-def usage(known: Mapping[str, SettableRange]) -> str:
+def usage_lines(known: Mapping[str, SettableRange]) -> str:
     """All commands, and what may be set, for the operator."""
-    return f"commands: {', '.join(text for text, _ in COMMANDS.values())}; to set: {told(known)}"
+    usages = ", ".join(text for text, _ in OPERATOR_COMMANDS.values())
+    return f"commands: {usages}; to set: {told(known)}"
 
 
 def rehearse(schedule: Sequence[tuple[float, str]], seconds: float, shop: Workshop) -> None:
@@ -219,7 +222,7 @@ def rehearse(schedule: Sequence[tuple[float, str]], seconds: float, shop: Worksh
                 "within it, or a longer --seconds"
             )
         try:
-            parse(text, shop)
+            parse_command(text, shop)
         except ConfigError as error:
             raise ConfigError(f"--at '{when:g} {text}': {error}") from error
 

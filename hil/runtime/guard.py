@@ -37,8 +37,8 @@ from hil.runtime.watchdog import (
     ENDED,
     LOOP_BEAT,
     TICK,
-    beside,
-    in_words,
+    report_in_words,
+    report_path,
     tripped,
 )
 
@@ -46,7 +46,7 @@ _LOST, _CUT = BITS["watchdog-lost"], BITS["power-cut"]
 #: Longest wait for the answer of a new process, and for its end [s].
 ANSWERS, ENDS = 10.0, 2.0
 #: Longest time that a cut takes [s].
-CUTTING = watchdog.ATTEMPTS * (watchdog.LIMIT + watchdog.PAUSE)
+CUTTING = watchdog.ATTEMPTS * (watchdog.LIMIT + watchdog.PAUSE_S)
 #: No site, no variables, no working directory: nothing of the user's is imported.
 ISOLATED = ("-I", "-S")
 
@@ -163,10 +163,12 @@ def latched(words: Sequence[str]) -> str:
     when, at = trip.get("time_s"), ""
     if isinstance(when, (int, float)) and 0 < when < 1e11:
         at = f"{datetime.fromtimestamp(when, UTC):%Y-%m-%d %H:%M:%S} UTC: "
-    return f"{at}{in_words(trip)}"
+    return f"{at}{report_in_words(trip)}"
 
 
-def standing(config: SafetyConfig, source: str, rearm: bool = False) -> tuple[bool, str] | None:
+def watchdog_state(
+    config: SafetyConfig, source: str, rearm: bool = False
+) -> tuple[bool, str] | None:
     """Whether a session could start with this watchdog, and what it is like; None without one."""
     try:
         words = proven(config)
@@ -183,7 +185,7 @@ def standing(config: SafetyConfig, source: str, rearm: bool = False) -> tuple[bo
 
 
 @contextlib.contextmanager
-def guarded(
+def guarded_session(
     config: SafetyConfig, session: Path, source: str = "RIG.toml", rearm: bool = False
 ) -> Iterator[Watchdog | None]:
     """Proven watchdog around a session; None where the rig file asks for none.
@@ -214,7 +216,7 @@ def guarded(
         yield None
         return
     consent.require(consent.cut_program(words), source)
-    latch, report = latch_of(words), beside(session.absolute())
+    latch, report = latch_of(words), report_path(session.absolute())
     why = latched(words)
     if why and not rearm:
         raise DeviceError(
@@ -232,10 +234,10 @@ def guarded(
 @contextlib.contextmanager
 def _reserved(latch: Path) -> Iterator[Path]:
     """A latch made before it is needed: a disk that fills up during the session cannot lose it."""
-    consent.prepare(latch.parent)
+    consent.ask_consent(latch.parent)
     reserve = latch.with_name(f"{latch.name}.{os.getpid()}.reserve")
     try:
-        watchdog.write(reserve, watchdog.UNTOLD)
+        watchdog.write_report(reserve, watchdog.UNTOLD)
     except OSError as error:
         reserve.unlink(missing_ok=True)
         raise ConfigError(

@@ -122,7 +122,7 @@ class Arms:
     def allow(self) -> None:
         """What is outside of its range may be as far outside as it is: it may be driven back in."""
         for port, q, _qd, _wrench, _sent, _words, _y, memory, (tip, may) in self._arms:
-            safety.ranges(q, memory, port.limits, True)
+            safety.out_of_range(q, memory, port.limits, True)
             if port.tip is not None:
                 safety.outside(tip, port.box, may, True)
 
@@ -269,7 +269,7 @@ class Loop:
         self._arms.read(self._origin_ns, 1)
         self._arms.write(self.machine.state)
         self._controller.update(0.0, self._x, self._u, self._x_next, self._y)
-        safety.finite(self._x)
+        safety.all_finite(self._x)
         self._arms.allow()
         self._arms.forget()
 
@@ -295,7 +295,7 @@ class Loop:
             law_s = (t_ns - self._zero_ns) * 1e-9
             self._controller.update(law_s, self._x, self._u, self._x_next, self._y)
             self._x, self._x_next = self._x_next, self._x
-            if not safety.finite(self._x):
+            if not safety.all_finite(self._x):
                 mask |= _UNLAWFUL
                 self._y[:] = 0.0
         else:

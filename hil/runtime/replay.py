@@ -53,7 +53,7 @@ class RecordedInputs:
     scales: dict[str, FloatArray]
 
 
-def played(box: Container, folder: Path) -> RecordedInputs:
+def played_boxes(box: Container, folder: Path) -> RecordedInputs:
     """Everything that a replay needs."""
     if "rig.toml" not in box.attachments:
         raise DataError(f"session {box.path} has no rig file; only sessions of 'hil run' replay")
@@ -292,7 +292,7 @@ class ReplayRun:
                 if text.startswith("set ") and text.split()[1] in self._held:
                     self.left_out.append((self.tick, text))
                 else:
-                    commands.parse(text, self.shop).apply(self)
+                    commands.parse_command(text, self.shop).apply(self)
         self.tick = tick
 
     def _enter(self, state: int) -> None:
@@ -417,7 +417,7 @@ def replay(path: str | Path, changes: Mapping[str, float] | None = None) -> Repl
     """
     box = read(path)
     with tempfile.TemporaryDirectory() as folder:
-        record = played(box, Path(folder))
+        record = played_boxes(box, Path(folder))
         out = Replayed(str(path), record.ticks.size)
         known = Shop(None, record.config).settable()
         made = ReplayRun(record, dict(changes or {}))

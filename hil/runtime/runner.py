@@ -21,17 +21,17 @@ from hil.rig import estimators
 from hil.rig.config import RigConfig
 from hil.rig.open import Rig, open_rig
 from hil.rig.operator import Shop
-from hil.rig.safety import BITS, LOOKED_BACK, alternates, beyond, lamps, sentence
+from hil.rig.safety import BITS, LOOKED_BACK, alternates, lamps, sentence, violations
 from hil.runtime import commands, session
 from hil.runtime.board import Ring
 from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
-from hil.runtime.guard import Watchdog, guarded
+from hil.runtime.guard import Watchdog, guarded_session
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
 from hil.runtime.session import Operator, Summary, cut_short
 from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
-from hil.runtime.watchdog import WATCHDOG, in_words
+from hil.runtime.watchdog import WATCHDOG, report_in_words
 
 CLOCKS: dict[str, Callable[[int], Clock]] = {"lockstep": VirtualClock, "real": MonotonicClock}
 #: Ticks that a session goes on after a FAULT, with the motors at zero: the record shows it.
@@ -41,7 +41,7 @@ _SHAKES = BITS["encoder-jump"] | BITS["overspeed"]
 
 
 class Session:
-    """Loop, slow side and file over an open rig; see `run`."""
+    """Loop, slow side and file over an open rig; see `run_session`."""
 
     ring_type = Ring
 
@@ -108,7 +108,7 @@ class Session:
             self.began = time.perf_counter()  # what was compiled is no part of the session
             if self.operator.lines is not None:
                 self.operator.lines(self.slow.inbox.append)
-                self.operator.say(commands.usage(self.slow.shop.settable()))
+                self.operator.say(commands.usage_lines(self.slow.shop.settable()))
             (self._lockstep if self.config.loop.clock == "lockstep" else self._real)(progress)
             name = "fault" if loop.unsafe else "done"
         except BaseException as error:
@@ -267,7 +267,7 @@ class Session:
             q, qd, *_ = self.layout.arm(loop.seen, i)
             joints, lim = self.config.arms[arm].joints, self.rig.ports[i].limits
             names = [f"{arm} {name}" for name in joints] if len(arms) > 1 else joints
-            which += beyond(loop.reason, names, q, qd, lim)
+            which += violations(loop.reason, names, q, qd, lim)
         said = sentence(loop.reason) + (f" ({', '.join(which)})" if which else "")
         plays = self.config.controller.parameters.get("trajectory")
         if which and plays and loop.unsafe:
@@ -354,7 +354,7 @@ class Session:
                     f"session stopped at tick {loop.since}: {reason}; {ended}, take --seconds no "
                     f"longer than that. {self.output} holds what was replayed until then."
                 )
-            told = in_words(self.trip) if self.trip else self.rig.trouble()
+            told = report_in_words(self.trip) if self.trip else self.rig.trouble()
             raise DeviceError(
                 f"session stopped at tick {loop.since}: FAULT, because {reason}"
                 f"{f' ({told})' if told else ''}; the motors got no torque from that tick on, and "
@@ -443,10 +443,10 @@ def _with_record(said: str, output: Path) -> str:
     return f"{said.rstrip('.')}. {kept}" if output.exists() else said
 
 
-__all__ = ["CLOCKS", "Operator", "Session", "Summary", "run"]
+__all__ = ["CLOCKS", "Operator", "Session", "Summary", "run_session"]
 
 
-def run(
+def run_session(
     config: RigConfig,
     seconds: float | None = None,
     seed: int = 0,
@@ -511,7 +511,7 @@ def run(
     commands.rehearse(operator.schedule, config.loop.seconds, Shop(None, config))
     with (
         unwinding_signals(),
-        guarded(config.safety, Path(output), source, rearm) as watchdog,
+        guarded_session(config.safety, Path(output), source, rearm) as watchdog,
     ):
         rig = opener(config, seed)
         try:

@@ -35,13 +35,13 @@ from hil.runtime.board import BoardWriter
 from hil.runtime.realtime import Arrangement
 from hil.runtime.slow import SessionParts
 from hil.runtime.statistics import Statistics
-from hil.runtime.watchdog import beside
+from hil.runtime.watchdog import report_path
 from hil.signals.device import Controller, OperatingState
 from hil.signals.frame import GAUGES, TIMING, TIMING_UNITS, FrameLayout
 from hil.userfile import LARGEST_TEXT, read_bytes
 
 
-def words(d: int) -> dict[str, str]:
+def _words(d: int) -> dict[str, str]:
     """Words of an arm of d joints on ``/rig/raw``, with their units."""
     groups = (("count", d, "count"), ("code", d, "DAC code"), ("gauge", GAUGES, "ADC word"))
     return {f"{name}{i + 1}": unit for name, n, unit in groups for i in range(n)}
@@ -81,7 +81,7 @@ def topics(
             found.append((f"/{arm}/measured_cf", layout.part("cf", i)))
     found.append(("/rig/raw", layout.part("words")))
     first = layout.part("estimates").start
-    for c in estimators.beside(controller):
+    for c in estimators.estimators_beside(controller):
         found.append((c.topic, slice(first + c.at.start, first + c.at.stop)))
     found.append(("/loop/timing", layout.part("timing")))
     return found
@@ -92,7 +92,7 @@ def slow_topics(layout: FrameLayout) -> list[tuple[str, slice]]:
     return [("/controller/state", layout.part("state"))]
 
 
-def channels(config: RigConfig, controller: Controller) -> list[Channel]:
+def _channels(config: RigConfig, controller: Controller) -> list[Channel]:
     """Channels behind `topics`, in the same order."""
     found = []
     for arm in config.controller.arms:
@@ -105,12 +105,12 @@ def channels(config: RigConfig, controller: Controller) -> list[Channel]:
     raw = {
         f"{arm}_{word}": unit
         for arm in config.controller.arms
-        for word, unit in words(len(config.arms[arm].joints)).items()
+        for word, unit in _words(len(config.arms[arm].joints)).items()
     }
     found.append(_fields("/rig/raw", tuple(raw), tuple(raw.values()), "RigRaw"))
-    for c in estimators.beside(controller):
+    for c in estimators.estimators_beside(controller):
         found.append(_fields(c.topic, c.estimator.names, c.estimator.units, c.estimator.message))
-    own = estimators.law_of(controller).state_names
+    own = estimators.bare_law(controller).state_names
     states = tuple(name.replace(".", "_") for name in own)
     found.append(_fields("/controller/state", states, ("",) * len(states), "ControllerState"))
     found.append(_fields("/loop/timing", TIMING, TIMING_UNITS, "LoopTiming"))
@@ -121,7 +121,7 @@ def _fields(topic: str, names: tuple[str, ...], units: tuple[str, ...], message:
     return Channel(topic, "fields", names, units=units, message=f"hil_msgs/msg/{message}")
 
 
-def describe(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]]:
+def session_metadata(config: RigConfig, rig: Rig, seed: int) -> dict[str, dict[str, str]]:
     """Metadata records: the session, then every arm."""
     secret = json.dumps(plain(config.simulation), sort_keys=True)
     revision, dirty = source_revision()
@@ -183,10 +183,10 @@ def open_writer(
         attachments["trajectory.toml"] = _attached(Path(played))
     if model is not None:
         attachments["model.toml"] = _attached(Path(model))
-    plan, records = channels(config, rig.controller), describe(config, rig, seed)
+    plan, records = _channels(config, rig.controller), session_metadata(config, rig, seed)
     aside(output)
     # of a session that is not there any more
-    beside(output).unlink(missing_ok=True)
+    report_path(output).unlink(missing_ok=True)
     record = config.record
 
     def opened(path: Path, part: Mapping[str, str]) -> SessionWriter:

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, HilError
 from hil.record.mcap_write import SessionWriter
-from hil.rig.safety import named, sentence
+from hil.rig.safety import named_conditions, sentence
 from hil.runtime.board import Ring
 from hil.runtime.clock import Clock
-from hil.runtime.commands import RECORD, Workshop, parse
+from hil.runtime.commands import RECORD_WORDS, Workshop, parse_command
 from hil.runtime.loop import Loop
 from hil.runtime.statistics import Statistics
 from hil.signals.device import FloatArray, OperatingState
@@ -337,7 +337,7 @@ class SlowSide:
             np.any(np.diff(timing[:, 5:7], axis=0, prepend=[[self._state, self._mask]]), axis=1)
         ).tolist():
             state, mask = int(timing[k, 5]), int(timing[k, 6])
-            names = [c.name for c in named(mask)]
+            names = [c.name for c in named_conditions(mask)]
             found.append(
                 (
                     *stamps[k],
@@ -355,7 +355,7 @@ class SlowSide:
             tick, text, before, now = self._loop.applied.popleft()
             found.append((tick, self._stamp(tick), "command", {"text": text}))
             if text.startswith("record "):
-                self.recording = RECORD[text.split()[1]]
+                self.recording = RECORD_WORDS[text.split()[1]]
             self._say(f"tick {tick}: {text}: {_outcome(text, before, now)}")
         for event in found if self.trouble is None else ():
             self._writer.event(*event)
@@ -363,7 +363,7 @@ class SlowSide:
     def _pass_on(self, text: str) -> None:
         """One line of the operator: made ready here, applied by the loop between two ticks."""
         try:
-            self._loop.mailbox.append(parse(text, self.shop))
+            self._loop.mailbox.append(parse_command(text, self.shop))
         except HilError as error:
             self._say(str(error))
 

@@ -31,7 +31,7 @@ LOOP_BEAT, TICK, ENDED, ASKED, ANSWER, DOG_BEAT, CUTS = range(7)
 #: How often hearts are felt, in shares of the time-out; the longest pause between [s].
 _SHARE, _LONGEST = 0.2, 0.1
 #: A cut that fails is tried so often; pause before the next [s], and how long one may take [s].
-ATTEMPTS, PAUSE, LIMIT = 3, 0.2, 10.0
+ATTEMPTS, PAUSE_S, LIMIT = 3, 0.2, 10.0
 #: Metadata record of a session with the report.
 WATCHDOG = "watchdog"
 #: What a latch says where the disk had no room for more.
@@ -56,7 +56,7 @@ def watch(page: memoryview[int], parent: int, timeout: float) -> str:
         time.sleep(pause)
 
 
-def cut(words: Sequence[str]) -> tuple[bool, str]:
+def run_cut_program(words: Sequence[str]) -> tuple[bool, str]:
     """Run the program that takes the power off, again where it fails; whether it worked, and how.
 
     Whatever it meets ends in the sentence: there is nobody left to raise it to.
@@ -64,7 +64,7 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
     name, done, none = Path(words[0]).name, "", subprocess.DEVNULL
     for attempt in range(ATTEMPTS):
         if attempt:
-            time.sleep(PAUSE)
+            time.sleep(PAUSE_S)
         try:
             # the terminal or pipe of the loop may be gone, and to print there would end it
             code = subprocess.run(
@@ -79,7 +79,7 @@ def cut(words: Sequence[str]) -> tuple[bool, str]:
     return False, done
 
 
-def write(path: Path, report: Mapping[str, object]) -> None:
+def write_report(path: Path, report: Mapping[str, object]) -> None:
     """Put a report into its place, whole and on the disk."""
     new = path.with_name(path.name + ".new")
     with new.open("w", encoding="utf-8") as file:
@@ -89,7 +89,7 @@ def write(path: Path, report: Mapping[str, object]) -> None:
     new.replace(path)
 
 
-def beside(session: Path) -> Path:
+def report_path(session: Path) -> Path:
     """Where a watchdog writes that it acted."""
     return session.with_name(session.name + ".watchdog.json")
 
@@ -99,14 +99,14 @@ def tripped(report: Path) -> dict[str, Any]:
     from hil.userfile import LARGEST_TEXT, read_bytes  # the watchdog itself needs nothing of hil
 
     try:
-        return parsed(read_bytes(report, LARGEST_TEXT).decode("utf-8", "replace"))
+        return parsed_report(read_bytes(report, LARGEST_TEXT).decode("utf-8", "replace"))
     except FileNotFoundError:
         return {}
     except OSError as error:
         return {"why": f"unknown, {report} cannot be read", "cut": str(error)}
 
 
-def parsed(text: str) -> dict[str, Any]:
+def parsed_report(text: str) -> dict[str, Any]:
     """Report from its text, which anybody may have written; empty where there is none."""
     try:
         found = json.loads(text or "{}")
@@ -115,7 +115,7 @@ def parsed(text: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {"why": "unknown", "cut": f"report {text[:80]!r}"}
 
 
-def in_words(trip: Mapping[str, Any]) -> str:
+def report_in_words(trip: Mapping[str, Any]) -> str:
     """A report as a sentence."""
     silent = trip.get("silent_s")
     told = isinstance(silent, (int, float))
@@ -124,7 +124,7 @@ def in_words(trip: Mapping[str, Any]) -> str:
     return f"the watchdog cut the power{after}, because {trip.get('why')}: {trip.get('cut')}{sure}"
 
 
-def act(page: memoryview[int], told: Mapping[str, Any], why: str) -> None:
+def cut_power(page: memoryview[int], told: Mapping[str, Any], why: str) -> None:
     """Cut the power; the latch stands before the program runs, the report when it has."""
     page[CUTS] = 1
     beat_ns, tick = page[LOOP_BEAT], page[TICK]
@@ -136,7 +136,7 @@ def act(page: memoryview[int], told: Mapping[str, Any], why: str) -> None:
         with contextlib.suppress(OSError):
             os.replace(told["reserve"], places[0])
     trouble = _written(places[:1], {**report, "worked": False, "cut": "has begun"})
-    worked, done = cut(told["cut"])
+    worked, done = run_cut_program(told["cut"])
     whole = {**report, "worked": worked, "cut": done}
     trouble += _written(places, whole)
     if not worked or trouble:
@@ -148,7 +148,7 @@ def _written(places: Sequence[Path], report: Mapping[str, object]) -> list[str]:
     trouble = []
     for place in places:
         try:
-            write(place, report)
+            write_report(place, report)
         except OSError as error:
             trouble.append(f"{place} cannot be written: {error}")
     return trouble
@@ -170,7 +170,7 @@ def main(argv: Sequence[str]) -> int:
         why = watch(page, int(told["parent"]), float(told["timeout"]))
         if not why:
             return 0
-        act(page, told, why)
+        cut_power(page, told, why)
     return 1
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 #: One step of background work; returns how long to wait before the next [s].  Never raises.
-Step = Callable[[], float]
+BackgroundStep = Callable[[], float]
 
 
-def threaded(name: str, step: Step) -> Callable[[], None]:
+def threaded(name: str, step: BackgroundStep) -> Callable[[], None]:
     """Call `step` again and again in a thread of its own; returns what stops it."""
     done = threading.Event()
 
@@ -120,7 +120,7 @@ class Bus:
 
     kind: str
     handle: Any = None
-    run: Callable[[str, Step], Callable[[], None]] = threaded
+    run: Callable[[str, BackgroundStep], Callable[[], None]] = threaded
     pause: Callable[[float], None] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
     advance: Callable[[int], None] = lambda t_ns: None

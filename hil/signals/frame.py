@@ -9,7 +9,7 @@ import numpy as np
 from hil.signals.device import FloatArray
 
 #: Words of a force sensor, and its components.
-GAUGES, WRENCH = 6, 6
+GAUGES, WRENCH_COMPONENTS = 6, 6
 #: The loop itself: lateness of the wake-up and time until the commands were out [ns], periods
 #: missed and rows dropped so far, worst status of the tick, operating state, mask of conditions
 #: (`hil.rig.safety`), rows that waited in the ring, hottest winding [degC].
@@ -50,7 +50,7 @@ class FrameLayout:
     @property
     def measured(self) -> int:
         """Measured numbers of an arm."""
-        return 2 * self.joints + WRENCH
+        return 2 * self.joints + WRENCH_COMPONENTS
 
     @property
     def words(self) -> int:
@@ -67,7 +67,7 @@ class FrameLayout:
         timing = state + self.states
         start, size = {
             "js": (first, 2 * d),
-            "cf": (first + 2 * d, WRENCH),
+            "cf": (first + 2 * d, WRENCH_COMPONENTS),
             "jf": (sent + arm * d, d),
             "words": (words, self.arms * self.words),
             "estimates": (estimates, self.estimates),

@@ -179,7 +179,7 @@ class VelocityEstimator(Protocol):
         ...
 
 
-def names() -> list[str]:
+def estimator_names() -> list[str]:
     """All estimators, built in or from entry points of the group ``hil.velocity``."""
     return sorted(registry.names(_GROUP))
 
@@ -192,7 +192,7 @@ def estimator(
     Parameters
     ----------
     name : str
-        One of `names`.
+        One of `estimator_names`.
     options : dict
         Fields of the estimator's dataclass; what is not given has its default.
     channels : int

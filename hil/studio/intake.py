@@ -35,7 +35,7 @@ from hil.testing.effects import check_effect
 from hil.userfile import LARGEST_TEXT, read_bytes, write_text
 
 #: What to do on the page, by the topic of an error (`HilError.about`).
-ADVICE = {
+PAGE_ADVICE = {
     "tables": "A table with columns is dropped on the page, or opened by its own path",
     "time": (
         "Say above which column is the time and in what unit, or leave it 'not used' and fill in "
@@ -176,8 +176,8 @@ def on_page(error: HilError) -> str:
     error : HilError
         The error.
     """
-    if error.topic in ADVICE:
-        return f"{error.what}. {ADVICE[error.topic]}."
+    if error.topic in PAGE_ADVICE:
+        return f"{error.what}. {PAGE_ADVICE[error.topic]}."
     return with_place(error)
 
 
@@ -231,7 +231,7 @@ def guess(names: Sequence[str]) -> dict[str, dict[str, Any]]:
     return out
 
 
-def read(path: Path, picked: Picked) -> Imported:
+def read_upload(path: Path, picked: Picked) -> Imported:
     """Read the table as it was picked; nothing is written.
 
     Raises
@@ -246,7 +246,7 @@ def read(path: Path, picked: Picked) -> Imported:
     return found
 
 
-def told(found: Imported) -> dict[str, Any]:
+def upload_summary(found: Imported) -> dict[str, Any]:
     """What would be read, and what is wrong with it, for the page."""
     r = found.recordings[0]
     faults = [f for x in found.recordings for f in check(x)]
@@ -261,7 +261,9 @@ def told(found: Imported) -> dict[str, Any]:
     }
 
 
-def write(found: Imported, picked: Picked, table: Path, output: Path) -> tuple[Recording, str]:
+def write_session(
+    found: Imported, picked: Picked, table: Path, output: Path
+) -> tuple[Recording, str]:
     """Write the session and its map beside it; the recording and the command that repeats it.
 
     Raises
@@ -334,7 +336,7 @@ def again(paths: Iterable[str]) -> None:
         catalogue.load_plugin(Path(path), said_in=Path(path))
 
 
-def learn(
+def learn_effects(
     path: Path, text: str, agreed: bool, ours: bool, needed: Collection[str] = ()
 ) -> list[str]:
     """Write, load and check the effects of an editor; their names.

@@ -82,7 +82,7 @@ class StudioSession:
             self.bench.recommended = recommended
 
     def ask(self, verb: str, given: dict[str, str]) -> dict[str, Any]:
-        """Answer a request that `checked` let through."""
+        """Answer a request that `checked_request` let through."""
         if verb in bench_verbs.VERBS:
             return self._of_bench(verb, given)
         answer: dict[str, Any] = getattr(self, verb)(**given)
@@ -111,18 +111,18 @@ class StudioSession:
 
     def preview(self, picks: str) -> dict[str, Any]:
         """What would be read of the table with these picks, and what is wrong with it."""
-        read = intake.read(self._open_table(), intake.Picked.parse(picks))
-        return {"preview": intake.told(read)}
+        read = intake.read_upload(self._open_table(), intake.Picked.parse(picks))
+        return {"preview": intake.upload_summary(read)}
 
     def bring(self, picks: str, output: str, use: str) -> dict[str, Any]:
         """Write the session and go on with it."""
         picked, table = intake.Picked.parse(picks), self._open_table()
-        read = intake.read(table, picked)
-        bad = [f["text"] for f in intake.told(read)["faults"] if f["severity"] == "error"]
+        read = intake.read_upload(table, picked)
+        bad = [f["text"] for f in intake.upload_summary(read)["faults"] if f["severity"] == "error"]
         if bad:
             raise ConfigError(f"the recording cannot be fitted: {bad[0]}")
         self._fits(read.recordings[0], use)
-        run, command = intake.write(read, picked, table, Path(output))
+        run, command = intake.write_session(read, picked, table, Path(output))
         return self._with([run], [output], use, command)
 
     def leave(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class StudioSession:
         """Take the effects of the editor into the catalogue, and rank them."""
         place = Path(path).resolve()
         used = {n for r in self.bench.stack for n in r.model.names()} if self.bench else set()
-        names = intake.learn(place, text, agreed == "yes", str(place) in self.written, used)
+        names = intake.learn_effects(place, text, agreed == "yes", str(place) in self.written, used)
         self.written = tuple(dict.fromkeys([*self.written, str(place)]))
         self.effects = tuple(dict.fromkeys([*self.effects, *names]))
         if self.bench is None:
@@ -276,7 +276,7 @@ class FirstLook:
     shown: dict[str, Any]
 
 
-def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
+def checked_request(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
     """Arguments of a request, all of them text.
 
     Raises
@@ -293,7 +293,7 @@ def checked(verb: str, given: Mapping[str, Any]) -> dict[str, str]:
     return {n: str(given[n]) for n in names}
 
 
-def said(verb: str, error: Exception) -> str:
+def _said(verb: str, error: Exception) -> str:
     """A request that failed as nobody foresaw, in a sentence; of others than files with its trace.
 
     Parameters
@@ -340,10 +340,10 @@ def _serve(pipe: Connection, kept: BenchState) -> None:
                 verb, given = pipe.recv()
             except EOFError:
                 return
-            pipe.send((*answer(session, verb, given), _kept(session)))
+            pipe.send((*answer_request(session, verb, given), _kept(session)))
 
 
-def answer(
+def answer_request(
     session: StudioSession, verb: str, given: dict[str, str]
 ) -> tuple[dict[str, Any] | None, str]:
     """What a request gives, or a sentence on why it gives nothing.
@@ -353,14 +353,14 @@ def answer(
     session : StudioSession
         Whom it is asked.
     verb, given
-        The request, as `checked` let it through.
+        The request, as `checked_request` let it through.
     """
     try:
         return session.ask(verb, given), ""
     except HilError as failed:
         return None, intake.on_page(failed)
     except Exception as failed:  # what was shown outlives any error
-        return None, said(verb, failed)
+        return None, _said(verb, failed)
 
 
 def _kept(session: StudioSession) -> BenchState:
@@ -404,7 +404,7 @@ class Worker:
         ConfigError
             If another one is running, or the request is none.
         """
-        words = checked(verb, given)
+        words = checked_request(verb, given)
         with self._lock:
             if self._verb:
                 raise ConfigError(f"{self._verb} is running; wait for it, or cancel it")

@@ -30,7 +30,7 @@ from hil.errors import ConfigError, unknown
 from hil.teleop.rational import Rational
 
 MOTION = ("c1", "c4", "c7", "c8")
-FORCE = ("c2", "c3", "c5", "c6")
+FORCE_GAINS = ("c2", "c3", "c5", "c6")
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def require_finite(design: Design) -> None:
     ConfigError
         Naming the gain.
     """
-    for name in (*MOTION, *FORCE):
+    for name in (*MOTION, *FORCE_GAINS):
         value = getattr(design, name)
         term = value if isinstance(value, MotionTerm) else MotionTerm(0.0, value)
         if not np.isfinite([term.k, term.b, term.a]).all():
@@ -510,7 +510,7 @@ def _rank(design: Design) -> TransparencyCondition:
     return TransparencyCondition("rank", _EQUATIONS["rank"], holds, gap, text)
 
 
-def transparent(design: Design) -> bool:
+def is_transparent(design: Design) -> bool:
     """Whether all five conditions hold."""
     return all(c.holds for c in conditions(design))
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.teleop.architecture import FORCE, Design, require_finite
+from hil.teleop.architecture import FORCE_GAINS, Design, require_finite
 from hil.teleop.hybrid import ComplexArray, FloatArray
 
 #: Condition number of Q from which the transformed loop is refused (comfortable up to 3):
@@ -71,7 +71,7 @@ def _way_out(design: Design, limit: float, runs: Callable[[Design], bool]) -> st
     """The nearest design that works, in the digits that are said."""
     for target in limit / _STEPS:
         found = nearest(design, float(target))
-        said: dict[str, Any] = {c: float(f"{getattr(found, c):.4g}") for c in FORCE}
+        said: dict[str, Any] = {c: float(f"{getattr(found, c):.4g}") for c in FORCE_GAINS}
         near = replace(found, **said)
         good = conditioning(near) <= limit and near.D > 0.0 and min(near.c5, near.c6) >= -1.0
         if good and runs(near):

@@ -223,7 +223,7 @@ def _first_crossing(around: ComplexArray, slowest: float) -> float:
 
 
 @lru_cache(maxsize=64)
-def margins(loop: SampledLoop, period: float) -> Margins:
+def axis_margins(loop: SampledLoop, period: float) -> Margins:
     """Margins of one axis.
 
     Parameters
@@ -392,7 +392,7 @@ def _proper(loop: SampledLoop) -> None:
         )
 
 
-def bounded(operator: Impedance, free: Impedance) -> Iterator[Impedance]:
+def operators_up_to(operator: Impedance, free: Impedance) -> Iterator[Impedance]:
     """Operators up to a firm one: as declared, held loosely, and what lies between and beyond."""
     yield operator
     yield free
@@ -407,7 +407,7 @@ _FIRMNESS = (0.3, 1.0, 2.7)
 
 def surroundings(environment: Impedance) -> Iterator[Impedance]:
     """Environments up to the declared one: free, as declared, softer, and a fifth less damped."""
-    yield hybrid.FREE
+    yield hybrid.FREE_MOTION
     yield environment
     for share in _SOFTNESS:
         yield Impedance(share * environment.m, 0.8 * share * environment.b, share * environment.k)
@@ -446,7 +446,7 @@ _MASSES = (0.75, 1.0)
 _POSTURES, _REACH = 11, 0.6
 #: Delay between measurement and effort that the loop has, the longest that is tried, and what it
 #: grows by [ticks].
-LATE, LATEST, _MORE = 1.0, 6.0, 0.25
+USUAL_DELAY_TICKS, LONGEST_DELAY_TICKS, _MORE = 1.0, 6.0, 0.25
 #: Growth [1/s] that the friction of any arm ends: free positions are double modes of 0, and weight
 #: that is compensated late makes them grow slowly.
 DRIFT = 0.2
@@ -487,7 +487,7 @@ def coupled(
     rotors: Sequence[FloatArray],
     period: float,
     behind: float = 0.0,
-    latest: float = LATEST,
+    latest: float = LONGEST_DELAY_TICKS,
     drifts: bool = False,
 ) -> CoupledMargin:
     """Judge a law of two arms that are described by URDFs.
@@ -505,7 +505,7 @@ def coupled(
     behind : float
         Where a wall is around the follower's shaft, from its tip on [m]; 0: none.
     latest : float
-        Longest delay that is tried [ticks]; `LATE`: only the one that the loop has.
+        Longest delay that is tried [ticks]; `USUAL_DELAY_TICKS`: only the one that the loop has.
     drifts : bool
         Whether growth by weight that is compensated late is left out; see above.
     """
@@ -527,16 +527,18 @@ def coupled(
                 where = f"{posture}, {100 * share:.0f} % of the masses, {hand}, {contact}"
                 members.append((where, near, one, other))
     most = 1.0 + DRIFT * period
-    radius, hz, where = _worst(members, LATE, period, drifts)
+    radius, hz, where = _worst(members, USUAL_DELAY_TICKS, period, drifts)
     if radius > most:
         return CoupledMargin(radius, hz, where, -1.0, where, len(members))
-    late = LATE
+    late = USUAL_DELAY_TICKS
     while late < latest:
         more, _, limit = _worst(members, late + _MORE, period, drifts)
         if more > most:
-            return CoupledMargin(radius, hz, where, (late - LATE) * period, limit, len(members))
+            return CoupledMargin(
+                radius, hz, where, (late - USUAL_DELAY_TICKS) * period, limit, len(members)
+            )
         late += _MORE
-    return CoupledMargin(radius, hz, where, (late - LATE) * period, "", len(members))
+    return CoupledMargin(radius, hz, where, (late - USUAL_DELAY_TICKS) * period, "", len(members))
 
 
 #: What to lower of a law that couples two arms at the tips, and of one that does at the joints.

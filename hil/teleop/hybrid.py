@@ -55,7 +55,7 @@ class Impedance:
 #: of the size that the field uses.
 HAND = Impedance(0.4, 4.0, 150.0)
 GEL = Impedance(0.0, 1.5, 300.0)
-FREE = Impedance()
+FREE_MOTION = Impedance()
 
 
 def jw(w: Any = GRID) -> ComplexArray:
@@ -122,7 +122,7 @@ def sensitivity(h: ComplexArray, ze: Any, other: Any = None) -> ComplexArray:
     return out
 
 
-def width(h: ComplexArray, w: FloatArray, ze_max: Impedance) -> FloatArray:
+def impedance_width(h: ComplexArray, w: FloatArray, ze_max: Impedance) -> FloatArray:
     """Width of transmitted impedance |z_t(z_e max) - z_t(0)| [N s/m], (n,).
 
     What the operator can feel at all: the difference between free space and the stiffest world.

@@ -12,7 +12,14 @@ import numpy as np
 from hil.errors import ConfigError
 from hil.models.phantom import Premium
 from hil.teleop import force_sensor_free, gate
-from hil.teleop.architecture import FORCE, MOTION, Design, MotionTerm, Realisation, RobotImpedance
+from hil.teleop.architecture import (
+    FORCE_GAINS,
+    MOTION,
+    Design,
+    MotionTerm,
+    Realisation,
+    RobotImpedance,
+)
 from hil.teleop.hybrid import FloatArray, Impedance
 from hil.teleop.sampled_loop import Cable, SampledLoop
 
@@ -92,13 +99,13 @@ class LawParameters(Protocol):
         """Friction of the arm's joints as declared, moving alone at a speed [rad/s], (3,) [N m]."""
 
 
-def table(designs: Sequence[Design]) -> dict[str, Any]:
+def law_table(designs: Sequence[Design]) -> dict[str, Any]:
     """Parameters c1..c8, masses and scales of one design for all axes, or of three."""
     out: dict[str, Any] = {}
     for name in MOTION:
         terms = [getattr(d, name) for d in designs]
         out[name] = [float(x) for c in terms for x in (c.k, c.b, c.a)]
-    for name in FORCE:
+    for name in FORCE_GAINS:
         out[name] = [float(getattr(d, name)) for d in designs]
     out["leader_mass"] = [d.master.m for d in designs]
     out["follower_mass"] = [d.slave.m for d in designs]
@@ -196,9 +203,9 @@ def loops_of(law: LawParameters) -> list[SampledLoop]:
     models = (law.leader_model, law.follower_model)
     tips = [tip_mass(pi, law.pose) for pi in models]
     # a law that estimates its forces has other gains at every pose
-    where = [] if law.forces == "estimated" else poses(law.pose, law.workspace)
+    where = [] if law.forces == "estimated" else judged_poses(law.pose, law.workspace)
     over = np.array([tips, *([tip_mass(pi, q) for pi in models] for q in where)])
-    operators = tuple(gate.bounded(Impedance(*law.operator), Impedance(*law.free)))
+    operators = tuple(gate.operators_up_to(Impedance(*law.operator), Impedance(*law.free)))
     environments = tuple(gate.surroundings(Impedance(*law.environment)))
     own, compensated = _friction(law)
     cable = Cable(*law.cable) if law.cable else None
@@ -252,7 +259,7 @@ def _friction(law: LawParameters) -> tuple[FloatArray, FloatArray]:
     return own, law.friction_share * tip
 
 
-def poses(pose: Sequence[float], extent: Sequence[float]) -> list[FloatArray]:
+def judged_poses(pose: Sequence[float], extent: Sequence[float]) -> list[FloatArray]:
     """Joint angles at the corners of a box about the tip of a pose.
 
     Parameters

@@ -15,13 +15,13 @@ import numba as nb
 #: Signals of one robot on one axis: position [m], velocity [m/s], acceleration [m/s^2], force [N].
 SIGNALS = 4
 #: Memory of the filters on one axis: velocity, last raw velocity, acceleration, force, started.
-MEMORY = 5
+FILTER_MEMORY = 5
 #: Gains of one axis: k, b, a of c1, c4, c7, c8, then c2, c3, c5, c6.
 GAINS = 16
 
 
 @nb.njit(cache=True, nogil=True)
-def sense(
+def filtered_axis(
     x: float, v: float, f: float, shares: Any, period: float, past: Any, now: Any, out: Any
 ) -> None:
     """Filter one robot's measurements on one axis.
@@ -53,7 +53,7 @@ def sense(
 
 
 @nb.njit(cache=True, nogil=True)
-def motion(g: Any, at: int, w: Any) -> float:
+def _motion(g: Any, at: int, w: Any) -> float:
     """C v = k x + b v + a v' of the term whose gains start at `at`."""
     return float(g[at] * w[0] + g[at + 1] * w[1] + g[at + 2] * w[2])
 
@@ -61,13 +61,13 @@ def motion(g: Any, at: int, w: Any) -> float:
 @nb.njit(cache=True, nogil=True)
 def master(g: Any, m: Any, s: Any) -> float:
     """f_cm [N] from the master's own signals m and what arrived of the slave's, s."""
-    return float(g[15] * m[3] - g[12] * s[3] - motion(g, 3, s) - motion(g, 9, m))
+    return float(g[15] * m[3] - g[12] * s[3] - _motion(g, 3, s) - _motion(g, 9, m))
 
 
 @nb.njit(cache=True, nogil=True)
 def slave(g: Any, m: Any, s: Any) -> float:
     """f_cs [N] from what arrived of the master's signals, m, and the slave's own, s."""
-    return float(motion(g, 0, m) + g[13] * m[3] - g[14] * s[3] - motion(g, 6, s))
+    return float(_motion(g, 0, m) + g[13] * m[3] - g[14] * s[3] - _motion(g, 6, s))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -81,8 +81,8 @@ def believe(g: Any, m: Any, s: Any, pm: float, ps: float) -> Any:
     pm, ps : float
         What moves the robots, z_cm v_m and z_cs v_s, from their own nonlinear models [N].
     """
-    one = pm + motion(g, 3, s) + motion(g, 9, m)
-    two = ps - motion(g, 0, m) + motion(g, 6, s)
+    one = pm + _motion(g, 3, s) + _motion(g, 9, m)
+    two = ps - _motion(g, 0, m) + _motion(g, 6, s)
     a, d = 1.0 + g[15], 1.0 + g[14]
     over = 1.0 / (a * d - g[12] * g[13])
     return (d * one - g[12] * two) * over, (g[13] * one - a * two) * over

@@ -19,7 +19,7 @@ import numpy as np
 from hil.teleop.hybrid import ComplexArray, FloatArray, transmitted
 
 
-def passive(h: ComplexArray) -> FloatArray:
+def is_passive(h: ComplexArray) -> FloatArray:
     """Smallest eigenvalue of H + H*, after scaling both ports alike, (n,).
 
     Passive where it is not negative (Raisbeck's criterion in hybrid form).  Ports have unlike

@@ -91,7 +91,7 @@ class ArmImpedances:
         return ArmImpedances(*(tuple(round(float(x), 4) for x in tip) for tip in tips))
 
 
-def settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
+def design_settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
     """Values of KEY=VALUE words; channels as DELAY[,JITTER[,LOSS]] in seconds.
 
     `names` are the keys, without any those of a design with c1..c8.
@@ -214,7 +214,7 @@ _WITHOUT_DELAY = (
 _ON_THE_RIG = {"stiffness": 150.0, "corner": 100.0, "contact": 0.75, "kappa": 1.5}
 
 
-def designs(name: str, wishes: Mapping[str, float], arms: ArmImpedances) -> list[Design]:
+def axis_designs(name: str, wishes: Mapping[str, float], arms: ArmImpedances) -> list[Design]:
     """Designs of the three axes, each for its own masses.
 
     Parameters
@@ -251,7 +251,7 @@ def models(paths: Mapping[str, str], rig: RigTables) -> dict[str, Any]:
         if role in paths:
             model = read_model(paths[role])
             out[f"{role}_model"] = compensation_tables.rigid_parameters(model).tolist()
-            out[f"{role}_effects"] = compensation_tables.effects(model)
+            out[f"{role}_effects"] = compensation_tables.compensated_values(model)
             out[f"{role}_span"] = compensation_tables.span(model)
             out["plugins"] = [*out.get("plugins", given.get("plugins", [])), *model.plugins]
             if given.get("friction_speeds"):

@@ -17,7 +17,7 @@ from scipy.linalg import expm
 from hil.errors import ConfigError
 from hil.teleop import lawrence_filters
 from hil.teleop.architecture import IDEAL, Design, MotionTerm, Realisation, ticks
-from hil.teleop.hybrid import FREE, GEL, HAND, ComplexArray, FloatArray, Impedance
+from hil.teleop.hybrid import FREE_MOTION, GEL, HAND, ComplexArray, FloatArray, Impedance
 
 #: Longest delay line that is checked exactly [ticks].
 _LONGEST = 300
@@ -81,7 +81,7 @@ def compliance(
     period : float
         Of the loop [s].
     """
-    inner, push = _mechanics(mass, damping, cable, FREE)
+    inner, push = _mechanics(mass, damping, cable, FREE_MOTION)
     n = push.size
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n] = inner, push
@@ -132,7 +132,7 @@ class SampledLoop:
     cable: Cable | None = None
     axis: str = ""
     operators: tuple[Impedance, ...] = (HAND, Impedance(0.0, 1.0, 0.0))
-    environments: tuple[Impedance, ...] = (FREE, GEL)
+    environments: tuple[Impedance, ...] = (FREE_MOTION, GEL)
     tips: tuple[tuple[float, float], ...] = ()
     friction: tuple[float, float] = (0.0, 0.0)
     compensated: tuple[float, float] = (0.0, 0.0)
@@ -259,13 +259,18 @@ class Axis:
     ) -> tuple[FloatArray, list[float], tuple[float, float]]:
         """Signals of both robots, raw speeds, forces; the filters' memory goes into `out`."""
         n, speeds, forces = self.plant, [0.0, 0.0], self.ports(z, push)
-        now, sent = np.zeros((2, lawrence_filters.MEMORY)), np.zeros((2, lawrence_filters.SIGNALS))
+        now, sent = (
+            np.zeros((2, lawrence_filters.FILTER_MEMORY)),
+            np.zeros((2, lawrence_filters.SIGNALS)),
+        )
         for r, f in enumerate(forces):
             at, own = n + 2 + 4 * r, r * n // 2
             past = np.append(z[at : at + 4], 1.0)
             # encoders: the speed is a difference of positions
             v = speeds[r] = (z[own] - z[n + 10 + r]) / self.period
-            lawrence_filters.sense(z[own], v, f, self._shares, self.period, past, now[r], sent[r])
+            lawrence_filters.filtered_axis(
+                z[own], v, f, self._shares, self.period, past, now[r], sent[r]
+            )
             out[at : at + 4], out[n + 10 + r] = now[r, :4], z[own]
         return sent, speeds, forces
 

@@ -14,8 +14,8 @@ from plotly.subplots import make_subplots
 
 from hil.teleop import architecture, force_sensor_free, hybrid, passivity
 from hil.teleop.architecture import IDEAL
-from hil.teleop.gate import Margins, margins
-from hil.teleop.hybrid import FREE, GRID, FloatArray, Impedance
+from hil.teleop.gate import Margins, axis_margins
+from hil.teleop.hybrid import FREE_MOTION, GRID, FloatArray, Impedance
 from hil.teleop.sampled_loop import SampledLoop
 
 #: Band over which the sensitivity is averaged, and up to which tracking counts [Hz].
@@ -108,7 +108,7 @@ def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSu
     weight : float
         Of the sensitivity, see `weighted`.
     """
-    d, ze = loop.design, next((z for z in loop.environments if z != FREE), hybrid.GEL)
+    d, ze = loop.design, next((z for z in loop.environments if z != FREE_MOTION), hybrid.GEL)
     goal = d.motion_scale * d.force_scale
     w, slow = band(), 2 * np.pi * np.geomspace(0.02, _TRACKING, 40)
     wide, near, far = (hybrid.hybrid(d, hybrid.jw(x), loop.real) for x in (GRID, w, slow))
@@ -123,15 +123,15 @@ def summarise(loop: SampledLoop, period: float, weight: float = 0.0) -> DesignSu
         float(abs(hybrid.sensitivity(still, ze(np.array([1e-4j])))[0])) / goal,
         float(tracking(far, 0.0, d.motion_scale).max()),
         float(gap.max()),
-        float(hybrid.width(near, w, _LARGEST).min()),
+        float(hybrid.impedance_width(near, w, _LARGEST).min()),
         float(passivity.llewellyn(wide).min()),
-        float(passivity.passive(wide).min()),
+        float(passivity.is_passive(wide).min()),
         float(passivity.half_disc(wide, np.abs(_LARGEST(hybrid.jw(GRID)))).min()),
         d.D,
         force_sensor_free.conditioning(d),
         sampled.smallest,
         sampled.bound,
-        margins(loop, period),
+        axis_margins(loop, period),
     )
 
 
@@ -185,7 +185,7 @@ def stability_plot(loops: list[SampledLoop]) -> Any:
     figure = _figure(1, 3, titles, 330)
     for loop, color in zip(loops, _COLORS, strict=False):
         h = hybrid.hybrid(loop.design, hybrid.jw(), loop.real)
-        rows = (passivity.llewellyn(h), passivity.passive(h), passivity.mu(h, 20.0))
+        rows = (passivity.llewellyn(h), passivity.is_passive(h), passivity.mu(h, 20.0))
         for col, values in enumerate(rows, 1):
             figure.add_trace(
                 go.Scatter(
@@ -240,8 +240,8 @@ def impedance_plot(loops: list[SampledLoop]) -> Any:
     for loop, color in zip(loops, _COLORS, strict=False):
         h = hybrid.hybrid(loop.design, hybrid.jw(), loop.real)
         for ze, dash, said in (
-            (hybrid.FREE, "dot", "free"),
-            (next(z for z in loop.environments if z != FREE), "solid", "gel"),
+            (hybrid.FREE_MOTION, "dot", "free"),
+            (next(z for z in loop.environments if z != FREE_MOTION), "solid", "gel"),
             (_LARGEST, "dash", "stiffest"),
         ):
             size = np.abs(hybrid.transmitted(h, ze(hybrid.jw())))

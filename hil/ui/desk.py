@@ -25,14 +25,14 @@ from typing import Any, TypeGuard
 from hil.errors import ConfigError, unknown
 from hil.revision import PROGRAM
 from hil.runtime.board import read_board
-from hil.runtime.commands import COMMANDS
+from hil.runtime.commands import OPERATOR_COMMANDS
 
 #: Commands of the page; `stop` is everybody's, and has a way of its own.
 _WORDS = ("start", "pause", "resume", "home", "stop", "set", "note", "record")
 #: Silence of who commands after which the session is paused and the place is free [s].
-SILENCE = 2.0
+SILENCE_S = 2.0
 #: Commands a second that one page may give.
-RATE = 20
+COMMAND_RATE = 20
 #: Characters of a command, and lines of the program that are kept.
 _LONGEST, _LINES = 200, 200
 
@@ -113,7 +113,7 @@ class Seat:
     page: str = ""
     heard: float = -1e9
     number: int = 0
-    times: deque[float] = field(default_factory=lambda: deque(maxlen=RATE))
+    times: deque[float] = field(default_factory=lambda: deque(maxlen=COMMAND_RATE))
 
 
 class Desk:
@@ -181,7 +181,7 @@ class Desk:
                 self._log.append(f"{'another' if self._program else 'a'} page commands")
 
     def _taken(self, now: float) -> bool:
-        return bool(self._seat.page) and now - self._seat.heard <= SILENCE
+        return bool(self._seat.page) and now - self._seat.heard <= SILENCE_S
 
     def command(self, page: str, given: Mapping[str, Any], now: float) -> dict[str, Any]:
         """Pass on a numbered command once, however often it arrives; a stop always.
@@ -237,8 +237,8 @@ class Desk:
             raise ConfigError("this page does not command; press Take command first")
         if number <= seat.number:
             return
-        if len(seat.times) == RATE and now - seat.times[0] < 1.0:
-            raise ConfigError(f"more than {RATE} commands within a second")
+        if len(seat.times) == COMMAND_RATE and now - seat.times[0] < 1.0:
+            raise ConfigError(f"more than {COMMAND_RATE} commands within a second")
         seat.times.append(now)
 
     def begin(self, page: str, now: float) -> None:
@@ -268,7 +268,7 @@ class Desk:
             self._seat = Seat()
             if self._program is not None and self._program.code is None:
                 self._program.write("pause")
-                self._silent = f"The page that commands was not heard for {SILENCE:g} s"
+                self._silent = f"The page that commands was not heard for {SILENCE_S:g} s"
                 self._log.append(f"paused: {self._silent}")
 
     def close(self) -> None:
@@ -299,7 +299,7 @@ def _disk(path: Path | None) -> dict[str, int]:
 #: How often the screen is drawn, and how long a session may take to end [s].
 EVERY, _PATIENCE = 0.2, 10.0
 #: Part of a line: style and text.
-Part = tuple[str, str]
+StyledText = tuple[str, str]
 _STATES = {"ENABLED": "ansigreen", "PAUSED": "ansiyellow", "FAULT": "ansired"}
 HELP = "help lists the commands, the arrow keys repeat them, Ctrl-C ends the session properly"
 
@@ -312,7 +312,7 @@ def is_terminal() -> bool:
         return False
 
 
-def show(words: Sequence[str]) -> int:
+def run_behind_screen(words: Sequence[str]) -> int:
     """Run `hil run` with these words behind a live screen; its exit code.
 
     Parameters
@@ -329,7 +329,7 @@ def show(words: Sequence[str]) -> int:
         history=InMemoryHistory(),
         completer=_completer(program),
         bottom_toolbar=lambda: formatted(
-            folded(lines(program.snapshot()[1]), shutil.get_terminal_size().columns)
+            wrapped(screen_lines(program.snapshot()[1]), shutil.get_terminal_size().columns)
         ),
         refresh_interval=EVERY,
         style=_style(),
@@ -358,7 +358,7 @@ def _commanded(program: SessionProgram, prompt: Any) -> None:
         except (KeyboardInterrupt, EOFError):
             return
         if line in ("help", "?"):
-            sys.stdout.write(usage(program.snapshot()[1]) + "\n")
+            sys.stdout.write(command_lines(program.snapshot()[1]) + "\n")
         elif line:
             program.write(line)
 
@@ -429,22 +429,22 @@ def completions(text: str, snapshot: Mapping[str, Any]) -> list[str]:
     """
     first, space, rest = text.partition(" ")
     if not space:
-        return [w for w in (*COMMANDS, "help") if w.startswith(first)]
+        return [w for w in (*OPERATOR_COMMANDS, "help") if w.startswith(first)]
     if first == "set" and " " not in rest:
         return [w for w in snapshot.get("settable", {}) if w.startswith(rest)]
     return []
 
 
-def usage(snapshot: Mapping[str, Any]) -> str:
+def command_lines(snapshot: Mapping[str, Any]) -> str:
     """Commands, and what may be set, a line each."""
-    rows = [f"  {text}" for text, _ in COMMANDS.values()]
+    rows = [f"  {text}" for text, _ in OPERATOR_COMMANDS.values()]
     for name, r in snapshot.get("settable", {}).items():
         count = f"{r['entries']} numbers, " if r["entries"] > 1 else ""
         rows.append(f"  set {name}: {count}{r['low']:g} to {r['high']:g} {r['unit']}".rstrip())
     return "\n".join(["commands", *rows])
 
 
-def formatted(rows: Sequence[Sequence[Part]]) -> Any:
+def formatted(rows: Sequence[Sequence[StyledText]]) -> Any:
     """Lines as the terminal library takes them."""
     return [part for row in rows for part in (*row, ("", "\n"))][:-1]
 
@@ -455,11 +455,11 @@ _BREAK = re.compile(r"(?<=\S)(?=   [a-z])|(?<=,)(?= [A-Za-z])")
 _FURTHER = 10
 
 
-def folded(rows: Sequence[Sequence[Part]], wide: int) -> list[list[Part]]:
+def wrapped(rows: Sequence[Sequence[StyledText]], wide: int) -> list[list[StyledText]]:
     """Lines that end within a terminal of so many columns; what is beyond goes on below."""
-    out: list[list[Part]] = []
+    out: list[list[StyledText]] = []
     for row in rows:
-        line, used = list[Part](), 0
+        line, used = list[StyledText](), 0
         for style, text in row:
             for piece in _BREAK.split(text):
                 if used > _FURTHER and used + len(piece) > wide:
@@ -471,7 +471,7 @@ def folded(rows: Sequence[Sequence[Part]], wide: int) -> list[list[Part]]:
     return out
 
 
-def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
+def screen_lines(snapshot: Mapping[str, Any]) -> list[list[StyledText]]:
     """The screen of a session: state, arms, tracking, loop, record.
 
     Parameters
@@ -508,7 +508,7 @@ def lines(snapshot: Mapping[str, Any]) -> list[list[Part]]:
     return [*rows, [("ansibrightblack", HELP)]]
 
 
-def _arm(name: str, arm: Mapping[str, Any]) -> list[Part]:
+def _arm(name: str, arm: Mapping[str, Any]) -> list[StyledText]:
     force = math.hypot(*(_number(x) for x in arm["force"]))
     yellow, red = arm["lamps"]
     level = ""
@@ -542,10 +542,10 @@ def _tracking(arms: Sequence[Mapping[str, Any]]) -> str:
     return f"error {apart[worst]:.4f}, largest of joint {worst + 1}"
 
 
-def _loop(s: Mapping[str, Any]) -> list[Part]:
+def _loop(s: Mapping[str, Any]) -> list[StyledText]:
     """Latency, misses and the ring; what must be 0 and is not stands out."""
     bad = [("missed", "missed"), ("dropped", "dropped"), ("not written", "unwritten")]
-    out: list[Part] = [("", f"late p99 {s['late_p99_us']:.1f} us")]
+    out: list[StyledText] = [("", f"late p99 {s['late_p99_us']:.1f} us")]
     for name, key in bad:
         out += [("", "   "), ("ansired" if s[key] else "", f"{name} {s[key]}")]
     return [*out, ("", f"   ring {s['ring']:.0f}   winding {s['winding']:.0f} degC")]

@@ -28,7 +28,7 @@ from urllib.parse import urlsplit
 from hil.errors import ConfigError
 
 #: Bytes of a request: a verb and a few names, or a text; and of a file that is dropped.
-LARGEST, LARGEST_FILE = 65_536, 2**30
+LARGEST_REQUEST, LARGEST_FILE = 65_536, 2**30
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -162,7 +162,7 @@ def site(
                 body = b""
                 async for part in request.stream():
                     body += part
-                    if len(body) > LARGEST:
+                    if len(body) > LARGEST_REQUEST:
                         return JSONResponse({"error": "the request is too large"}, 413)
                 return JSONResponse(found(_asked(body)))
             except (ValueError, ConfigError) as error:
@@ -264,7 +264,9 @@ async def _store(parts: AsyncIterator[bytes], folder: Path, name: str) -> str:
     return name
 
 
-def serve(app: Any, host: str, port: int, told: Callable[[str, str], None], token: str) -> None:
+def serve_until_interrupt(
+    app: Any, host: str, port: int, told: Callable[[str, str], None], token: str
+) -> None:
     """Serve an application until Ctrl-C.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import Any
 
 import can
 
-from hil.sim_devices.canbus.line import LINES, Frame, Node
+from hil.sim_devices.canbus.line import LINES, CanFrame, Node
 
 #: Frames that the transmit queue takes, as a SocketCAN device does by default.
 _QUEUE = 10
@@ -27,7 +27,7 @@ class _Host(Node):
         self.inbox: deque[can.Message] = deque()
         self.channel = channel
 
-    def hear(self, frame: Frame, t_ns: int) -> None:
+    def hear(self, frame: CanFrame, t_ns: int) -> None:
         self.inbox.append(
             can.Message(
                 timestamp=t_ns * 1e-9,
@@ -85,7 +85,7 @@ class SimBus(can.BusABC):
         if len(self._host.outbox) >= _QUEUE:
             raise can.CanOperationError("Failed to transmit: No buffer space available")
         self._host.outbox.append(
-            (self._line.time.now_ns, Frame(msg.arbitration_id, bytes(msg.data)))
+            (self._line.time.now_ns, CanFrame(msg.arbitration_id, bytes(msg.data)))
         )
 
     def recv(self, timeout: float | None = None) -> can.Message | None:

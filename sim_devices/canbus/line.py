@@ -24,7 +24,7 @@ PAUSE = 3
 ERROR = 20
 
 
-class Frame(NamedTuple):
+class CanFrame(NamedTuple):
     """Identifier of 11 bits and up to 8 bytes.
 
     Parameters
@@ -76,7 +76,7 @@ def bits(ident: int, data: Any) -> int:
 _EMPTY: dict[int, int] = {}
 
 
-def length(frame: Frame) -> int:
+def length(frame: CanFrame) -> int:
     """`bits` of a frame."""
     if frame.data:
         return int(bits(frame.ident, frame.data))
@@ -110,7 +110,7 @@ class Node:
 
     def __init__(self, bit_rate: int) -> None:
         self.bit_rate = bit_rate
-        self.outbox: deque[tuple[int, Frame]] = deque()
+        self.outbox: deque[tuple[int, CanFrame]] = deque()
         self.powered = True
         self.failures = 0
 
@@ -119,7 +119,7 @@ class Node:
         """Bus-off: too many failures."""
         return self.failures >= _OFF
 
-    def hear(self, frame: Frame, t_ns: int) -> None:
+    def hear(self, frame: CanFrame, t_ns: int) -> None:
         """A frame has gone over the bus, complete at `t_ns`."""
 
     def error(self, t_ns: int) -> None:
@@ -203,7 +203,7 @@ class CanLine:
                     clash = clash or mine != frame
         return None if frame is None else self._plan(start, frame, winners, clash)
 
-    def _plan(self, start: int, frame: Frame, winners: list[Node], clash: bool) -> _Flight:
+    def _plan(self, start: int, frame: CanFrame, winners: list[Node], clash: bool) -> _Flight:
         """A frame that starts at `start` [ns]."""
         # acknowledged: somebody else hears it at this bit rate, nobody at another destroys it
         rate, heard, disturbed = winners[0].bit_rate, False, False

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.sim_devices.plants import truth, world
-from hil.sim_devices.plants.layout import ARM as PLANT_ARM
+from hil.sim_devices.plants.layout import ARM_DTYPE as PLANT_ARM
+from hil.sim_devices.plants.layout import ARM_STATE_DTYPE as PLANT_STATE
 from hil.sim_devices.plants.layout import ELEMENTS, NOISES, SUBSTEPS
-from hil.sim_devices.plants.layout import STATE as PLANT_STATE
 
 # Further hidden laws, compiled; each is of another form than the library's of that name.
 
@@ -177,7 +177,7 @@ def _substep(p: Any, x: Any, t: float, elapsed: float, tick: float, dt: float, l
     for i in range(3):
         pull = cable(p, x, i)
         x.sm[i] = world.direction(p, x, i, dt)
-        link[i] = pull - world.link_side(p, x, i, dt) + world.passive(p, x, i, dt)
+        link[i] = pull - world.link_side(p, x, i, dt) + world.passive_force(p, x, i, dt)
         link[i] += link_torque(p, x, i, t, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
         push = motor(p, x, i, elapsed, tick, dt) - pull
@@ -223,7 +223,7 @@ def run(
 
     Parameters
     ----------
-    p, x : records of `layout.ARM` and `layout.STATE`
+    p, x : records of `layout.ARM_DTYPE` and `layout.ARM_STATE_DTYPE`
         Parameters and state.
     reference : ndarray (n, 3, 3)
         Place [rad], speed [rad/s] and acceleration [rad/s^2] of every joint.
@@ -253,11 +253,11 @@ def run(
         for i in range(3):
             out[k, i], out[k, 3 + i], out[k, 6 + i] = q[i], v[i], codes[i] * p.dac[i]
         _chance(p, x, random[k], tick)
-        world.command(p, x, codes, random[k], tick)
+        world.take_command(p, x, codes, random[k], tick)
         x.force[:] = push[k]
         for n in range(substeps):
             if n == 0:
-                world.tip(p, x)
+                world.tip_state(p, x)
             _substep(p, x, k * tick + n * dt, n * dt, tick, dt, link)
 
 
@@ -332,7 +332,7 @@ _OUTSIDE = "outside-"
 
 
 @dataclass(frozen=True)
-class Law:
+class HiddenForm:
     """One kind of hidden effect.
 
     Parameters
@@ -364,58 +364,64 @@ class Law:
 
 _SLIP = (3e-3, 6e-3, 1.2e-2, 2e-2)
 
-EFFECTS: dict[str, Law] = {
-    "stribeck": Law("1 / (1 + (v/vs)^2)", {"stribeck": 0.01}, {"stribeck_speed": 0.15}),
-    "asymmetric-coulomb": Law("square of a friction state", {"asym_coulomb": 0.006}, most=1.6),
-    "asymmetric-viscous": Law("v tanh(v / 0.08)", {"asym_viscous": 0.006}),
-    "quadratic-drag": Law("|v|^1.8", {"drag": 0.02}),
-    "presliding": Law("four Maxwell elements", {"preslide": 0.01}, {"preslide_at": _SLIP}),
-    "position-friction": Law("triangular", {"rub": 0.006}, {"rub_cycles": 14.0}),
-    "load-friction": Law("|load|^1.3", {"load_rub": 0.01}),
-    "coupled-friction": Law("friction state of another joint", {"couple": 0.005}, needs="arm"),
+HIDDEN_FORMS: dict[str, HiddenForm] = {
+    "stribeck": HiddenForm("1 / (1 + (v/vs)^2)", {"stribeck": 0.01}, {"stribeck_speed": 0.15}),
+    "asymmetric-coulomb": HiddenForm(
+        "square of a friction state", {"asym_coulomb": 0.006}, most=1.6
+    ),
+    "asymmetric-viscous": HiddenForm("v tanh(v / 0.08)", {"asym_viscous": 0.006}),
+    "quadratic-drag": HiddenForm("|v|^1.8", {"drag": 0.02}),
+    "presliding": HiddenForm("four Maxwell elements", {"preslide": 0.01}, {"preslide_at": _SLIP}),
+    "position-friction": HiddenForm("triangular", {"rub": 0.006}, {"rub_cycles": 14.0}),
+    "load-friction": HiddenForm("|load|^1.3", {"load_rub": 0.01}),
+    "coupled-friction": HiddenForm(
+        "friction state of another joint", {"couple": 0.005}, needs="arm"
+    ),
     # no more can be lost than the motors' 8.5 mN m and more
-    "friction-drift": Law("t / (t + 8 s)", {"fade": 0.006}, most=1.4),
-    "elastic-transmission": Law("two masses", {"give": 0.01}, most=20.0),
-    "hardening-cable": Law("rational softness at zero", {"soft": 4.0}, {"soft_at": 1e-3}),
-    "backlash": Law("dead zone between two masses", {"slack": 2e-3}, most=10.0),
-    "coupled-transmission": Law("idler on a soft shaft", {"idler": 0.004}, needs="arm"),
-    "torque-gain": Law("gain of the drive", {"gain": 0.1}, needs="force"),
-    "torque-offset": Law("constant", {"offset": 0.004}, most=5.0),
-    "torque-ripple": Law("|cos|, times the torque", {"ripple": 0.3}, {"ripple_cycles": 40.0}),
-    "torque-saturation": Law("a tenth comes through beyond it", {"choke": 20.0}),
-    "torque-crosstalk": Law("share of the next motor's torque", {"leak": 0.05}, needs="arm"),
-    "cogging": Law("sin(a + 0.4 sin a)", {"detent": 0.004}, {"detent_cycles": 33.6}),
-    "actuator-lag": Law("second order", {"slow_drive": 4e-3}, least=0.4),
-    "delay": Law("jittered by 30 %", {"jitter": 6e-3}, least=0.5),
-    "payload": Law("mass in one of two runs", {"payload": 0.02}, needs="runs"),
-    "spring": Law("-k sin(q - q0)", {"spring": 0.05}, {"spring_rest": 0.1}),
-    "position-torque": Law("kinked cable", {"umbilical": 0.01}, {"umbilical_at": 0.1}),
-    "end-stop": Law("d^1.5 (1 + c v)", {"stop": 0.3}, {"stop_at": (0.15, 0.6, 0.5)}),
-    "encoder-eccentricity": Law(
+    "friction-drift": HiddenForm("t / (t + 8 s)", {"fade": 0.006}, most=1.4),
+    "elastic-transmission": HiddenForm("two masses", {"give": 0.01}, most=20.0),
+    "hardening-cable": HiddenForm("rational softness at zero", {"soft": 4.0}, {"soft_at": 1e-3}),
+    "backlash": HiddenForm("dead zone between two masses", {"slack": 2e-3}, most=10.0),
+    "coupled-transmission": HiddenForm("idler on a soft shaft", {"idler": 0.004}, needs="arm"),
+    "torque-gain": HiddenForm("gain of the drive", {"gain": 0.1}, needs="force"),
+    "torque-offset": HiddenForm("constant", {"offset": 0.004}, most=5.0),
+    "torque-ripple": HiddenForm(
+        "|cos|, times the torque", {"ripple": 0.3}, {"ripple_cycles": 40.0}
+    ),
+    "torque-saturation": HiddenForm("a tenth comes through beyond it", {"choke": 20.0}),
+    "torque-crosstalk": HiddenForm("share of the next motor's torque", {"leak": 0.05}, needs="arm"),
+    "cogging": HiddenForm("sin(a + 0.4 sin a)", {"detent": 0.004}, {"detent_cycles": 33.6}),
+    "actuator-lag": HiddenForm("second order", {"slow_drive": 4e-3}, least=0.4),
+    "delay": HiddenForm("jittered by 30 %", {"jitter": 6e-3}, least=0.5),
+    "payload": HiddenForm("mass in one of two runs", {"payload": 0.02}, needs="runs"),
+    "spring": HiddenForm("-k sin(q - q0)", {"spring": 0.05}, {"spring_rest": 0.1}),
+    "position-torque": HiddenForm("kinked cable", {"umbilical": 0.01}, {"umbilical_at": 0.1}),
+    "end-stop": HiddenForm("d^1.5 (1 + c v)", {"stop": 0.3}, {"stop_at": (0.15, 0.6, 0.5)}),
+    "encoder-eccentricity": HiddenForm(
         "tilted sine", {"wobble": 2e-3}, {"wobble_cycles": 13.0}, most=10.0
     ),
-    "missed-counts": Law("lost at random, against the motion", {"slips": 4.0}),
-    "filter-lag": Law(
+    "missed-counts": HiddenForm("lost at random, against the motion", {"slips": 4.0}),
+    "filter-lag": HiddenForm(
         "two poles on the recorded position", {"lag": 3e-3}, sensor="lag", needs="force"
     ),
-    "vibration-mode": Law(
+    "vibration-mode": HiddenForm(
         "attached mass", {"oscillator": 3e-4}, {"oscillator_rate": 22.0}, most=10.0
     ),
-    "periodic-disturbance": Law("exp(1.2 sin wt)", {"hum": 0.003}, {"hum_rate": 17.15}),
-    "force-bias": Law("in sensor axes", {"bias": 0.02}, sensor="bias", needs="force"),
-    "force-drift": Law("t / (t + 10 s)", {"drift": 0.04}, sensor="drift", needs="force"),
-    "force-gain": Law("saturating", {"gain": 0.1}, sensor="gain", needs="force"),
-    "force-crosstalk": Law("in sensor axes", {"cross": 0.1}, sensor="cross", needs="force"),
-    "outside-speed-product": Law("v_a v_b", {"product": 0.02}, needs="arm"),
-    "outside-stick-slip": Law("bursts at random", {"burst": 0.03}),
-    "outside-resonance": Law("moves with speed", {"resonance": 0.06}),
-    "outside-telegraph": Law("offset that flips at random", {"telegraph": 0.004}),
-    "outside-chirp": Law("frequency that rises", {"chirp": 0.005}),
-    "outside-position-pair": Law("sin 6 q_a cos 5 q_b", {"pair": 0.01}, needs="arm"),
-    "outside-thixotropy": Law("rebuilds at rest", {"thixotropy": 0.02}),
-    "outside-placed-viscous": Law("q v", {"placed_viscous": 0.02}),
+    "periodic-disturbance": HiddenForm("exp(1.2 sin wt)", {"hum": 0.003}, {"hum_rate": 17.15}),
+    "force-bias": HiddenForm("in sensor axes", {"bias": 0.02}, sensor="bias", needs="force"),
+    "force-drift": HiddenForm("t / (t + 10 s)", {"drift": 0.04}, sensor="drift", needs="force"),
+    "force-gain": HiddenForm("saturating", {"gain": 0.1}, sensor="gain", needs="force"),
+    "force-crosstalk": HiddenForm("in sensor axes", {"cross": 0.1}, sensor="cross", needs="force"),
+    "outside-speed-product": HiddenForm("v_a v_b", {"product": 0.02}, needs="arm"),
+    "outside-stick-slip": HiddenForm("bursts at random", {"burst": 0.03}),
+    "outside-resonance": HiddenForm("moves with speed", {"resonance": 0.06}),
+    "outside-telegraph": HiddenForm("offset that flips at random", {"telegraph": 0.004}),
+    "outside-chirp": HiddenForm("frequency that rises", {"chirp": 0.005}),
+    "outside-position-pair": HiddenForm("sin 6 q_a cos 5 q_b", {"pair": 0.01}, needs="arm"),
+    "outside-thixotropy": HiddenForm("rebuilds at rest", {"thixotropy": 0.02}),
+    "outside-placed-viscous": HiddenForm("q v", {"placed_viscous": 0.02}),
     # last: the plans number what is hidden
-    "sublinear-viscous": Law("asinh(v / ve)", {"sheared": 0.006}, {"sheared_speed": 0.2}),
+    "sublinear-viscous": HiddenForm("asinh(v / ve)", {"sheared": 0.006}, {"sheared_speed": 0.2}),
 }
 
 
@@ -424,16 +430,16 @@ def apply(p: NDArray[np.void], sensors: dict[str, float], row: dict[str, Any]) -
 
     Parameters
     ----------
-    p : ndarray (1,) of `layout.ARM`
+    p : ndarray (1,) of `layout.ARM_DTYPE`
     sensors : dict
         Amplitudes of the sensor effects, changed in place.
     row : dict
         ``effect``, ``joint`` (0..2) and ``amplitude``.
     """
     name, i, amplitude = row["effect"], int(row["joint"]), float(row["amplitude"])
-    if name not in EFFECTS:
-        raise ConfigError(unknown("hidden effect", name, EFFECTS))
-    law = EFFECTS[name]
+    if name not in HIDDEN_FORMS:
+        raise ConfigError(unknown("hidden effect", name, HIDDEN_FORMS))
+    law = HIDDEN_FORMS[name]
     if name == "payload":
         truth.add_tip_mass(p, amplitude * law.size["payload"])
         return
@@ -545,7 +551,7 @@ def simulate(
         ``t`` (n,) [s], ``q``, ``qd``, ``tau`` (n, 3) [rad, rad/s, N m], ``wrench`` (n, 6) if
         there is a force.
     """
-    p, chain = plant(hidden, noise, locked)
+    p, chain = plant_record(hidden, noise, locked)
     n = len(reference)
     rng = np.random.default_rng([seed, 0xFA57])
     out = np.zeros((n, 9))
@@ -574,11 +580,11 @@ def simulate(
     return found
 
 
-def plant(
+def plant_record(
     hidden: list[dict[str, Any]], noise: str, locked: bool
 ) -> tuple[NDArray[np.void], dict[str, float]]:
     """Record (1,) of the arm with its hidden effects, and the amplitudes of sensor effects."""
-    nominal = truth.arm(truth.load("nominal"), _SENSOR, np.zeros((6, 6)))
+    nominal = truth.arm_record(truth.load_truth("nominal"), _SENSOR, np.zeros((6, 6)))
     p = np.zeros(1, _ARM)
     for name in nominal.dtype.names or ():
         p[name] = nominal[name]
@@ -597,10 +603,10 @@ def start(p: NDArray[np.void], home: FloatArray) -> NDArray[np.void]:
     # idlers of the pairs (1, 2), (2, 3), (1, 3)
     x["idle"][0, :, 0] = home[[0, 1, 0]] + home[[1, 2, 2]]
     x["flip"], x["thick"] = 1.0, 1.0
-    world.tip(p[0], x[0])
+    world.tip_state(p[0], x[0])
     return x
 
 
 def kinds() -> dict[str, tuple[str, float, float]]:
-    """What may be hidden -> what it needs, its smallest and largest amplitude (`Law`)."""
-    return {name: (law.needs, law.least, law.most) for name, law in EFFECTS.items()}
+    """What may be hidden -> what it needs, its smallest and largest amplitude (`HiddenForm`)."""
+    return {name: (law.needs, law.least, law.most) for name, law in HIDDEN_FORMS.items()}

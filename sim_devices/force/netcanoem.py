@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from hil.errors import ConfigError
-from hil.sim_devices.canbus.line import Frame, Node
-from hil.sim_devices.force.transducer import Certificate, Transducer
+from hil.sim_devices.canbus.line import CanFrame, Node
+from hil.sim_devices.force.transducer import Certificate, SimulatedTransducer
 
 LATENCY_NS = 60_000
 RESET_NS = 5_000_000
@@ -97,7 +97,7 @@ class NetCanOemBoard(Node):
 
     def __init__(
         self,
-        transducer: Transducer,
+        transducer: SimulatedTransducer,
         base: int = DEFAULT_BASE,
         bit_rate: int = DEFAULT_BIT_RATE,
         firmware: tuple[int, int, int] = (3, 8, 41),
@@ -140,7 +140,7 @@ class NetCanOemBoard(Node):
         self.outbox.clear()
         self._deaf_until_ns = t_ns + RESET_NS
 
-    def hear(self, frame: Frame, t_ns: int) -> None:
+    def hear(self, frame: CanFrame, t_ns: int) -> None:
         """Answer a request that is meant for this board."""
         ident, request = frame
         if ident >> 4 != self.base or t_ns < self._deaf_until_ns:
@@ -154,7 +154,7 @@ class NetCanOemBoard(Node):
             if code <= 1 and faults.counted:
                 self._spoilt(code, payload, ready_ns)
             else:
-                self.outbox.append((ready_ns, Frame(self.base << 4 | code, payload)))
+                self.outbox.append((ready_ns, CanFrame(self.base << 4 | code, payload)))
             code += 1
 
     def _spoilt(self, code: int, payload: bytes, ready_ns: int) -> None:
@@ -166,7 +166,7 @@ class NetCanOemBoard(Node):
             ready_ns += faults.delay_ns
         if faults.strikes("short"):
             payload = payload[:-1]
-        frame = ready_ns, Frame(self.base << 4 | code, payload)
+        frame = ready_ns, CanFrame(self.base << 4 | code, payload)
         self.outbox.append(frame)
         if faults.strikes("twice_second" if code else "twice_first"):
             self.outbox.append(frame)

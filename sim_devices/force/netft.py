@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sim_devices.canbus.line import Frame, Node
+from hil.sim_devices.canbus.line import CanFrame, Node
 from hil.sim_devices.force.netcanoem import LATENCY_NS, Faults, place
-from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.force.transducer import SimulatedTransducer
 from hil.sim_devices.simtime import SimTime
 
 #: Counts per N and per N m of both boxes here.
@@ -33,7 +33,7 @@ class Converter:
         The sensor.
     """
 
-    def __init__(self, transducer: Transducer) -> None:
+    def __init__(self, transducer: SimulatedTransducer) -> None:
         self.transducer = transducer
         self._matrix = transducer.certificate.wrench_per_word() * _COUNTS
         self._bias = np.zeros(6)
@@ -62,7 +62,7 @@ class NetFtCanBox(Node):
     """
 
     def __init__(
-        self, transducer: Transducer, base: int, bit_rate: int, factors: tuple[float, ...]
+        self, transducer: SimulatedTransducer, base: int, bit_rate: int, factors: tuple[float, ...]
     ) -> None:
         super().__init__(bit_rate)
         self.converter = Converter(transducer)
@@ -70,7 +70,7 @@ class NetFtCanBox(Node):
         self.faults = Faults()
         self._number = 0
 
-    def hear(self, frame: Frame, t_ns: int) -> None:
+    def hear(self, frame: CanFrame, t_ns: int) -> None:
         """Answer a request; a new one aborts what has not been sent yet."""
         if frame.ident != self.base or len(frame.data) != 1 or self.faults.strikes("mute"):
             return
@@ -94,7 +94,7 @@ class NetFtCanBox(Node):
             if k and self.faults.strikes("delay_second"):
                 ready += self.faults.delay_ns
             if not lost:
-                self.outbox.append((ready, Frame(self.base + code, data)))
+                self.outbox.append((ready, CanFrame(self.base + code, data)))
 
 
 class RdtBox:
@@ -119,7 +119,9 @@ class RdtBox:
         Records that will be cut short; `drop` and `swap` the like for loss and order.
     """
 
-    def __init__(self, transducer: Transducer, time: SimTime, rate_hz: float = 3500.0) -> None:
+    def __init__(
+        self, transducer: SimulatedTransducer, time: SimTime, rate_hz: float = 3500.0
+    ) -> None:
         self.converter = Converter(transducer)
         self.time, self._step = time, round(1e9 / rate_hz)
         self.here, self.mute = True, False

@@ -14,9 +14,9 @@ from collections import deque
 
 import can
 
-from hil.sim_devices.canbus.line import Frame
+from hil.sim_devices.canbus.line import CanFrame
 from hil.sim_devices.force.netcanoem import DEFAULT_BASE, RESET_NS, NetCanOemBoard
-from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.force.transducer import SimulatedTransducer
 
 
 def answer(
@@ -35,7 +35,7 @@ def answer(
         own.remove(frame)
         return True
     # the frames' own order stands for the bus; a board that was just switched on is ready
-    board.hear(Frame(*frame), time.monotonic_ns() + RESET_NS)
+    board.hear(CanFrame(*frame), time.monotonic_ns() + RESET_NS)
     while board.outbox:
         _, out = board.outbox.popleft()
         own.append((out.ident, out.data))
@@ -52,7 +52,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--model", default="nano17")
     parser.add_argument("--idle", type=float, default=60.0, help="end after so many idle seconds")
     args = parser.parse_args(words)
-    board = NetCanOemBoard(Transducer(args.model, [1]), base=args.base)
+    board = NetCanOemBoard(SimulatedTransducer(args.model, [1]), base=args.base)
     try:
         with can.Bus(interface=args.interface, channel=args.channel) as bus:
             board.transducer.read(0)  # compiled before the first question

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 
-Array = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 #: Readings whose random numbers are drawn at once: few, so that none takes much longer than others.
 _BLOCK = 16
 
@@ -43,13 +43,13 @@ class Certificate:
     """
 
     serial: str
-    matrix: Array
+    matrix: FloatArray
     force_counts: int
     torque_counts: int
     force_unit: int
     torque_unit: int
 
-    def wrench_per_word(self) -> Array:
+    def wrench_per_word(self) -> FloatArray:
         """Matrix (6, 6) [N, N m] per word."""
         metre = {3: 1.0, 4: 1e-3}[self.torque_unit]
         scale = [1.0 / self.force_counts] * 3 + [metre / self.torque_counts] * 3
@@ -78,7 +78,7 @@ def load(model: str) -> tuple[Certificate, dict[str, Any]]:
     return Certificate(facts["serial"], matrix, 1_000_000, 1_000_000, 2, 4), facts
 
 
-class Transducer:
+class SimulatedTransducer:
     """One sensor with its own imperfections.
 
     Parameters
@@ -101,7 +101,7 @@ class Transducer:
     """
 
     def __init__(
-        self, model: str, seed: list[int], press: Callable[[Array], None] | None = None
+        self, model: str, seed: list[int], press: Callable[[FloatArray], None] | None = None
     ) -> None:
         self.certificate, facts = load(model)
         self._press = press

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 QUEUE = 30
 
 
-class Firmware(Protocol):
+class HidFirmware(Protocol):
     """What a simulated device is to the bus.
 
     `inputs` holds input reports that wait; `descriptor` is what enumeration says of it.
@@ -40,7 +40,7 @@ class SimHid:
     """
 
     def __init__(self, wait: Callable[[int], None] = lambda milliseconds: None) -> None:
-        self.devices: list[Firmware] = []
+        self.devices: list[HidFirmware] = []
         self.wait = wait
 
     def enumerate(self, vendor_id: int = 0, product_id: int = 0) -> list[dict[str, Any]]:
@@ -63,7 +63,7 @@ class SimDevice:
 
     def __init__(self, bus: SimHid) -> None:
         self._bus = bus
-        self._firmware: Firmware | None = None
+        self._firmware: HidFirmware | None = None
         self._nonblocking = False
 
     def open_path(self, device_path: bytes) -> None:
@@ -134,7 +134,7 @@ class SimDevice:
         self._open()
         return "Success"
 
-    def _open(self) -> Firmware:
+    def _open(self) -> HidFirmware:
         if self._firmware is None:
             raise ValueError("not open")
         return self._firmware

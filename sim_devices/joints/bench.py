@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.signals.bus import Bus, Step
+from hil.signals.bus import BackgroundStep, Bus
 from hil.signals.device import Status
 from hil.sim_devices.canbus.line import LINES, CanLine
 from hil.sim_devices.joints import motion, touch
@@ -22,9 +22,9 @@ from hil.sim_devices.simtime import VirtualTime
 
 Ints = NDArray[np.int64]
 #: Largest words of a drive: position; speed and effort.
-TOP_POSITION, TOP = 65535, 4095
+TOP_POSITION, TOP_WORD = 65535, 4095
 #: Steps of the physics a second at least, and parts of a tick in which buses and physics alternate.
-STEPS, PARTS = 8000.0, 4
+STEPS, PARTS_PER_TICK = 8000.0, 4
 #: Ticks whose random numbers are drawn at once.
 _BLOCK = 16
 #: Keys of ``[simulation]``, with their defaults.
@@ -76,8 +76,9 @@ class Described(Protocol):
 #: Steps of a linear motor with its scale: position [m], speed [m/s], force [N]; mass of its forcer
 #: by its force [kg/N].
 LINEAR_STEPS, FORCER = (1e-6, 1e-5, 1e-4), 0.06
-#: Hidden effect -> fields of `motion.JOINT`: shares of the torque limit, then values as they are.
-HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+#: Hidden effect -> fields of `motion.JOINT_DTYPE`: shares of the torque limit, then values as
+#: they are.
+HIDDEN_FIELDS: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "stribeck": ({"stribeck": 0.06}, {"stribeck_speed": 0.12}),
     "quadratic-drag": ({"drag": 0.05}, {}),
     "cogging": ({"cogging": 0.04}, {"cogging_cycles": 14.0}),
@@ -102,22 +103,25 @@ class SimArm:
     def __init__(self, name: str, arm: Described, home: Sequence[float], seed: int) -> None:
         d = len(arm.joints)
         self.name, self.joints = name, arm.joints
-        built, self._pull = motion.read(arm.urdf, arm.joints, seed), motion.pull_of(arm.urdf)
+        built, self._pull = (
+            motion.arm_of_urdf(arm.urdf, arm.joints, seed),
+            motion.described_gravity(arm.urdf),
+        )
         self._bodies = tuple(getattr(built, f) for f in built.__dataclass_fields__)
         self.kinds = [kind_of(t) for t in arm.torque_limit]
         ranges = np.array([k.ranges for k in self.kinds])
-        self.scales = ranges / (TOP_POSITION, TOP, TOP)
+        self.scales = ranges / (TOP_POSITION, TOP_WORD, TOP_WORD)
         self._slides = built.slides.astype(np.bool_)
         self.scales[self._slides] = LINEAR_STEPS
-        self.p, self.x = np.zeros(d, motion.JOINT), np.zeros(d, motion.STATE)
+        self.p, self.x = np.zeros(d, motion.JOINT_DTYPE), np.zeros(d, motion.JOINT_STATE_DTYPE)
         self._set_up(np.array(arm.torque_limit), np.random.default_rng([seed, 0xD21]))
         self._rotor = np.ascontiguousarray(self.p["rotor"])
         self.x["q"] = home
-        self._room = (*motion.scratch(d), *(np.zeros(d) for _ in range(4)))
+        self._room = (*motion.motion_scratch(d), *(np.zeros(d) for _ in range(4)))
         self.codes, self.counts, self.rates = (np.zeros(d, np.int64) for _ in range(3))
         self.powered = np.zeros(d, np.bool_)
         self.touched = np.zeros(1, touch.TOUCH)
-        self._touch_room, self._shake = touch.scratch(), np.zeros(3)
+        self._touch_room, self._shake = touch.touch_scratch(), np.zeros(3)
         self._urdf, self._rng = arm.urdf, np.random.default_rng(0)
         self.sense()
 
@@ -138,7 +142,11 @@ class SimArm:
         p["viscous"], p["thin"] = most * near(0.018), near(2.5)
         p["limit"] = near(1e-3)[:, None] * np.array([0.5, 1.0, 2.0, 4.0])
         p["weight"] = rng.dirichlet(np.full(ELEMENTS, 20.0), d)
-        p["lag"], p["noise"], p["top"] = near(6e-4), most * near(1.5e-3), self.scales[:, 2] * TOP
+        p["lag"], p["noise"], p["top"] = (
+            near(6e-4),
+            most * near(1.5e-3),
+            self.scales[:, 2] * TOP_WORD,
+        )
         # a linear motor moves its own weight, and gives more than its limit for a moment
         p["rotor"][self._slides] = (most * near(FORCER))[self._slides]
         p["top"][self._slides] = 2.0 * most[self._slides]
@@ -161,7 +169,7 @@ class SimArm:
         if joint not in self.joints:
             raise ConfigError(f"{where} {name}: {unknown('joint', joint, self.joints)}")
         i, amplitude = self.joints.index(joint), float(row.get("amplitude", 1.0))
-        shares, values = HIDDEN[name]
+        shares, values = HIDDEN_FIELDS[name]
         for key, value in shares.items():
             self.p[key][i] += amplitude * value * most[i]
         for key, value in values.items():
@@ -170,12 +178,12 @@ class SimArm:
     def meet(self, table: str, given: Mapping[str, Any], seed: int) -> None:
         """Let something touch the tip or the shaft; see `touch`."""
         t = self.touched
-        t["turn"], t["place"] = motion.tip(self._urdf, self.joints[-1])
+        t["turn"], t["place"] = motion.link_tip(self._urdf, self.joints[-1])
         d = len(self.joints)
         motion.outward(self._bodies, self.x["q"].copy(), np.zeros(d), self._room[:4])
-        touch.poses(self._bodies, self._room[0], self._room[2], t[0], self._touch_room)
+        touch.touch_poses(self._bodies, self._room[0], self._room[2], t[0], self._touch_room)
         self._rng = np.random.default_rng([seed, 0x7A2D])
-        touch.put(t, table, given, t["tip"][0].copy(), t["axes"][0].copy(), self._rng)
+        touch.attach_touch(t, table, given, t["tip"][0].copy(), t["axes"][0].copy(), self._rng)
 
     def rehearse(self) -> None:
         """Do on copies what a tick does: compiled code is there before anything is enabled."""
@@ -201,7 +209,7 @@ class SimArm:
         self, x: NDArray[Any], random: NDArray[np.float64], span: float, touched: NDArray[Any]
     ) -> None:
         touches = bool(touched["any"][0])
-        motion.run(
+        motion.run_arm(
             self._bodies,
             self.p,
             x,
@@ -268,7 +276,7 @@ class JointBench:
         for k, (name, arm) in enumerate(arms.items()):
             home = _home(name, arm, table["home"])
             self.arms[name] = SimArm(name, arm, home, 1000 * int(table["truth_seed"]) + k)
-        for row in hidden_rows(table["hidden"], {name: {} for name in HIDDEN}):
+        for row in hidden_rows(table["hidden"], {name: {} for name in HIDDEN_FIELDS}):
             name = row.get("arm", next(iter(arms)))
             if name not in self.arms:
                 raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', name, arms)}")
@@ -291,7 +299,7 @@ class JointBench:
         self.drives: dict[str, list[Any]] = {}
         #: Inverse Services by HOST:PORT.
         self.services: dict[str, Any] = {}
-        self._pumps: dict[str, Step] = {}
+        self._pumps: dict[str, BackgroundStep] = {}
 
     def wire(self, arm: str) -> JointWire:
         """Ideal wire to the drives of one arm."""
@@ -338,7 +346,7 @@ class JointBench:
             self.lines[channel] = LINES[self._prefix + channel] = CanLine(self._time)
         return self.lines[channel]
 
-    def _run(self, name: str, step: Step) -> Callable[[], None]:
+    def _run(self, name: str, step: BackgroundStep) -> Callable[[], None]:
         self._pumps[name] = step
         return lambda: self._pumps.pop(name, None) and None
 
@@ -353,7 +361,7 @@ class JointBench:
 
     def advance(self, t_ns: int) -> None:
         """Run the world up to `t_ns`, in whole ticks."""
-        parts = PARTS if self.lines or self.services else 1
+        parts = PARTS_PER_TICK if self.lines or self.services else 1
         while self.now_ns + self.period_ns <= t_ns:
             if self._left == 0:
                 self._rng.standard_normal(out=self._noise)
@@ -436,4 +444,4 @@ class JointWire:
         """Nothing to release."""
 
 
-__all__ = ["HIDDEN", "JointBench", "JointWire", "SimArm"]
+__all__ = ["HIDDEN_FIELDS", "JointBench", "JointWire", "SimArm"]

@@ -10,8 +10,8 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
-from hil.sim_devices.canbus.line import Frame, Node
-from hil.sim_devices.joints.bench import TOP, TOP_POSITION, JointBench
+from hil.sim_devices.canbus.line import CanFrame, Node
+from hil.sim_devices.joints.bench import TOP_POSITION, TOP_WORD, JointBench
 
 #: Time in which a drive answers [ns].
 ANSWER_NS = 20_000
@@ -75,7 +75,7 @@ class SimDrive(Node):
         self.outbox.clear()
         self.fault = 0
 
-    def hear(self, frame: Frame, t_ns: int) -> None:
+    def hear(self, frame: CanFrame, t_ns: int) -> None:
         """A command, or something about registers."""
         data = frame.data
         if frame.ident == _ALL and len(data) >= 4:
@@ -115,15 +115,15 @@ class SimDrive(Node):
             self.fault = 0xE
             self._switch(False)
             return
-        self._arm.codes[self._joint] = self._sign * (2 * torque - TOP)
+        self._arm.codes[self._joint] = self._sign * (2 * torque - TOP_WORD)
 
     def _answer(self, t_ns: int) -> None:
         arm, j = self._arm, self._joint
         position = (self._sign * arm.counts.item(j) + TOP_POSITION) // 2
-        speed = (self._sign * arm.rates.item(j) + TOP) // 2
-        torque = (self._sign * arm.codes.item(j) + TOP) // 2
+        speed = (self._sign * arm.rates.item(j) + TOP_WORD) // 2
+        torque = (self._sign * arm.codes.item(j) + TOP_WORD) // 2
         position = min(max(position, 0), TOP_POSITION)
-        speed = min(max(speed, 0), TOP)
+        speed = min(max(speed, 0), TOP_WORD)
         status = self.fault or int(self.on)
         bits = (status << 4 | self.ident & 0xF) << 56
         bits |= position << 40 | speed << 28 | torque << 16 | 35 << 8 | 32
@@ -134,7 +134,7 @@ class SimDrive(Node):
             return
         if self.spoilt:
             self.spoilt, data = False, data[:5]
-        self.outbox.append((t_ns + ANSWER_NS, Frame(self.master + self.ident, data)))
+        self.outbox.append((t_ns + ANSWER_NS, CanFrame(self.master + self.ident, data)))
 
     def tick(self, now_ns: int) -> None:
         """Its own time-out: silence of the host switches it off."""

@@ -257,7 +257,7 @@ def put(bench: JointBench, name: str, row: Mapping[str, Any]) -> None:
     service.devices.append(SimInverse(ident or "0A1B", bench.arms[moved.pop()], axes))
 
 
-def serve(
+def serve_clients(
     service: SimService,
     listener: socket.socket,
     world: Callable[[], int],
@@ -323,7 +323,7 @@ class _Alone:
     )
 
 
-def alone(ident: str = "0A1B") -> tuple[SimService, Callable[[], int]]:
+def single_device(ident: str = "0A1B") -> tuple[SimService, Callable[[], int]]:
     """A service with one device, and what runs its world along this machine's clock."""
     world = JointBench({"arm": _Alone()}, {}, 1_000_000, 1)
     service = SimService()
@@ -349,10 +349,10 @@ def main(words: list[str] | None = None) -> int:
         threading.Timer(args.seconds, done.set).start()
     try:
         with socket.create_server(("localhost", args.port)) as listener:
-            service, world = alone()
+            service, world = single_device()
             sys.stdout.write("ready\n")
             sys.stdout.flush()
-            serve(service, listener, world, done)
+            serve_clients(service, listener, world, done)
     except OSError as error:
         sys.stderr.write(f"port {args.port}: {error}\n")
         return 3

@@ -25,7 +25,7 @@ from hil.sim_devices.joints import touch
 from hil.sim_devices.plants.layout import ELEMENTS
 from hil.sim_devices.plants.world import slip
 
-Array = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 #: How far a mass, a first moment or an inertia is off the file, either way.
 _OFF = (0.05, 0.15)
 #: Weight of a mass where the URDF says nothing [m/s^2], in axes of the base.
@@ -53,19 +53,19 @@ class Bodies:
     """
 
     parent: NDArray[np.int64]
-    turn: Array
-    place: Array
-    axis: Array
+    turn: FloatArray
+    place: FloatArray
+    axis: FloatArray
     slides: NDArray[np.int64]
-    inertia: Array
+    inertia: FloatArray
 
 
-def _numbers(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
+def _numbers(element: ET.Element | None, key: str, default: tuple[float, ...]) -> FloatArray:
     text = element.get(key) if element is not None else None
     return np.array([float(x) for x in text.split()] if text else default)
 
 
-def _pose(element: ET.Element | None) -> tuple[Array, Array]:
+def _pose(element: ET.Element | None) -> tuple[FloatArray, FloatArray]:
     """Rotation and place of an ``<origin>``."""
     place, (r, p, y) = _numbers(element, "xyz", (0.0,) * 3), _numbers(element, "rpy", (0.0,) * 3)
     yaw = np.array([[cos(y), -sin(y), 0], [sin(y), cos(y), 0], [0, 0, 1.0]])
@@ -74,23 +74,23 @@ def _pose(element: ET.Element | None) -> tuple[Array, Array]:
     return yaw @ pitch @ roll, place
 
 
-def _cross(v: Array) -> Array:
+def _cross(v: FloatArray) -> FloatArray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
-def solid(mass: float, center: Array, about_center: Array) -> Array:
+def solid(mass: float, center: FloatArray, about_center: FloatArray) -> FloatArray:
     """Spatial inertia (6, 6) about the origin of a body with its centre of mass at `center`."""
     c = _cross(center)
     top = np.hstack([about_center + mass * c @ c.T, mass * c])
     return np.vstack([top, np.hstack([mass * c.T, mass * np.eye(3)])])
 
 
-def _off(rng: np.random.Generator, size: int) -> Array:
+def _off(rng: np.random.Generator, size: int) -> FloatArray:
     """Factors that are 5 to 15 % away from 1."""
     return 1.0 + rng.choice([-1.0, 1.0], size) * rng.uniform(*_OFF, size)
 
 
-def _own(link: ET.Element, rng: np.random.Generator) -> Array:
+def _own(link: ET.Element, rng: np.random.Generator) -> FloatArray:
     """Spatial inertia of a link about its own frame, off the file."""
     inertial = link.find("inertial")
     factor = _off(rng, 5)
@@ -106,7 +106,7 @@ def _own(link: ET.Element, rng: np.random.Generator) -> Array:
     return solid(mass * factor[0], center * factor[1:4], about)
 
 
-def _moved(inertia: Array, turn: Array, place: Array) -> Array:
+def _moved(inertia: FloatArray, turn: FloatArray, place: FloatArray) -> FloatArray:
     """Spatial inertia of a child's frame in that of its carrier."""
     x = np.zeros((6, 6))
     x[:3, :3] = x[3:, 3:] = turn.T
@@ -114,7 +114,7 @@ def _moved(inertia: Array, turn: Array, place: Array) -> Array:
     return x.T @ inertia @ x
 
 
-def read(urdf: str, joints: tuple[str, ...], seed: int) -> Bodies:
+def arm_of_urdf(urdf: str, joints: tuple[str, ...], seed: int) -> Bodies:
     """Bodies of the joints of a URDF, in their order.
 
     Raises
@@ -167,7 +167,7 @@ def read(urdf: str, joints: tuple[str, ...], seed: int) -> Bodies:
     return out
 
 
-def pull_of(urdf: str) -> Array:
+def described_gravity(urdf: str) -> FloatArray:
     """Gravity (3,) in axes of the base [m/s^2]: what ``<gravity>`` of the URDF says, else `WEIGHT`.
 
     Raises
@@ -191,7 +191,7 @@ def pull_of(urdf: str) -> Array:
     return out
 
 
-def tip(urdf: str, last: str) -> tuple[Array, Array]:
+def link_tip(urdf: str, last: str) -> tuple[FloatArray, FloatArray]:
     """Axes (3, 3) and place (3,) of the link ``tip`` in the frame of the joint `last`.
 
     Raises
@@ -222,7 +222,7 @@ def _end(joint: ET.Element, tag: str) -> str:
 #: Numbers of scratch a body: transform, articulated inertia (6, 6), then v, c, p, U, a (6).
 _F = np.float64
 #: Parameters of a joint.  The last row is zero unless a hidden effect is put in.
-JOINT = np.dtype([
+JOINT_DTYPE = np.dtype([
     ("rotor", _F), ("coulomb", _F), ("viscous", _F), ("thin", _F),
     ("limit", _F, (ELEMENTS,)), ("weight", _F, (ELEMENTS,)),
     ("lag", _F), ("top", _F), ("noise", _F), ("code", _F), ("count", _F), ("rate", _F),
@@ -230,7 +230,7 @@ JOINT = np.dtype([
     ("cogging_cycles", _F), ("spring", _F), ("spring_rest", _F), ("gain", _F),
 ])  # fmt: skip
 #: State of a joint.
-STATE = np.dtype([
+JOINT_STATE_DTYPE = np.dtype([
     ("q", _F), ("v", _F), ("drive", _F), ("low", _F), ("z", _F, (ELEMENTS,)),
 ])  # fmt: skip
 
@@ -305,7 +305,7 @@ def accelerations(
     weight : ndarray (3,)
         Gravity in axes of the base [m/s^2].
     room : tuple
-        From `scratch`.
+        From `motion_scratch`.
     """
     outward(b, q, qd, room)
     inward(b, rotor, weight, tau, room, qdd)
@@ -398,7 +398,7 @@ def inward(b: Any, rotor: Any, weight: Any, tau: Any, room: Any, qdd: Any) -> No
             a[first + k] += axis[i, k] * qdd[i]
 
 
-def scratch(d: int) -> tuple[Any, ...]:
+def motion_scratch(d: int) -> tuple[Any, ...]:
     """Room for `accelerations` of d bodies."""
     return np.zeros((d, 6, 6)), np.zeros((d, 6, 6)), np.zeros((d + 6, 6, 6)), np.zeros(6)
 
@@ -414,7 +414,7 @@ def friction(p: Any, x: Any, dt: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def pushed(p: Any, x: Any, code: int, dt: float) -> float:
+def _pushed(p: Any, x: Any, code: int, dt: float) -> float:
     """Torque of one drive with what hides in it [N m or N]."""
     wanted = min(max(code * p.code, -p.top), p.top)
     x.drive += (wanted - x.drive) * (1.0 - exp(-dt / p.lag))
@@ -426,7 +426,7 @@ def pushed(p: Any, x: Any, code: int, dt: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def run(
+def run_arm(
     b: Any,
     p: Any,
     x: Any,
@@ -445,7 +445,7 @@ def run(
     Parameters
     ----------
     p, x : structured arrays (d,)
-        `JOINT` and `STATE`.
+        `JOINT_DTYPE` and `JOINT_STATE_DTYPE`.
     codes : ndarray (d,)
         Efforts in half steps of the drives.
     random : ndarray (d,)
@@ -464,10 +464,10 @@ def run(
     for _ in range(n):
         for i in range(d):
             q[i], qd[i] = x[i].q, x[i].v
-            tau[i] = pushed(p[i], x[i], codes[i], dt) - friction(p[i], x[i], dt)
+            tau[i] = _pushed(p[i], x[i], codes[i], dt) - friction(p[i], x[i], dt)
         outward(b, q, qd, room[:4])
         if met is not None:
-            touch.act(b, room[0], room[2], met, dt, met_room)
+            touch.apply_touch(b, room[0], room[2], met, dt, met_room)
         inward(b, rotor, weight, tau, room[:4], qdd)
         for i in range(d):
             x[i].v += dt * qdd[i]

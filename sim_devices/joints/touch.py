@@ -29,7 +29,7 @@ from hil.sim_devices.plants.build import with_defaults
 
 _F = np.float64
 _V, _M = (_F, (3,)), (_F, (3, 3))
-Array = NDArray[np.float64]
+FloatArray = NDArray[np.float64]
 
 
 def _fields(text: str, *shape: Any) -> list[Any]:
@@ -155,7 +155,7 @@ def aim(h: Any, t: float, tick: float, random: Any, room: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def poses(b: Any, x: Any, vec: Any, t: Any, room: Any) -> None:
+def touch_poses(b: Any, x: Any, vec: Any, t: Any, room: Any) -> None:
     """Place, axes and speeds of the tip in base axes, from the transforms and speeds of bodies."""
     parent, d = b[0], b[0].size
     axes, origin, step = room[5], room[0, 0], room[0, 1]
@@ -255,9 +255,9 @@ def meet(t: Any, dt: float, room: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def act(b: Any, x: Any, vec: Any, t: Any, dt: float, room: Any) -> None:
+def apply_touch(b: Any, x: Any, vec: Any, t: Any, dt: float, room: Any) -> None:
     """All that touches the arm, as a force on its last body: taken off `vec[d - 1, 2]`."""
-    poses(b, x, vec, t, room)
+    touch_poses(b, x, vec, t, room)
     force, torque, local = room[6, 0], room[6, 1], room[6, 2]
     force[:] = 0.0
     torque[:] = 0.0
@@ -292,8 +292,8 @@ def act(b: Any, x: Any, vec: Any, t: Any, dt: float, room: Any) -> None:
         vec[d - 1, 2, i] -= t.load[i]
 
 
-def scratch() -> Array:
-    """Room for `act` and `aim`."""
+def touch_scratch() -> FloatArray:
+    """Room for `apply_touch` and `aim`."""
     return np.zeros((7, 3, 3))
 
 
@@ -312,7 +312,9 @@ TISSUE_KEYS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def put(t: Any, table: str, given: Mapping[str, Any], tip: Array, axes: Array, rng: Any) -> None:
+def attach_touch(
+    t: Any, table: str, given: Mapping[str, Any], tip: FloatArray, axes: FloatArray, rng: Any
+) -> None:
     """Set up one table of ``[simulation]`` in `t`, with the tip at home at `tip` (3,), `axes`.
 
     Lengths across and along are those of the tip's axes at home.
@@ -335,7 +337,9 @@ def put(t: Any, table: str, given: Mapping[str, Any], tip: Array, axes: Array, r
     {"operator": _hand, "incision": _wall, "tissue": _tissue}[table](t, row, tip, axes, rng)
 
 
-def _hand(t: Any, row: dict[str, Any], tip: Array, axes: Array, rng: np.random.Generator) -> None:
+def _hand(
+    t: Any, row: dict[str, Any], tip: FloatArray, axes: FloatArray, rng: np.random.Generator
+) -> None:
     """A hand; `spread` makes every session's another one."""
 
     def varied(value: float) -> float:
@@ -351,7 +355,7 @@ def _hand(t: Any, row: dict[str, Any], tip: Array, axes: Array, rng: np.random.G
     t["onset"], t["tremor"] = row["onset"], row["tremor"]
 
 
-def _wall(t: Any, row: dict[str, Any], tip: Array, axes: Array, rng: Any) -> None:
+def _wall(t: Any, row: dict[str, Any], tip: FloatArray, axes: FloatArray, rng: Any) -> None:
     t["wall"], across = 1, row["off"]
     t["hole"] = tip - row["depth"] * axes[:, 2] + across[0] * axes[:, 0] + across[1] * axes[:, 1]
     t["wall_k"], t["wall_h"], t["wall_b"] = row["stiffness"], row["hardening"], row["branch"]
@@ -359,11 +363,11 @@ def _wall(t: Any, row: dict[str, Any], tip: Array, axes: Array, rng: Any) -> Non
     t["seal"], t["seal_radius"] = row["seal"], row["seal_radius"]
 
 
-def _tissue(t: Any, row: dict[str, Any], tip: Array, axes: Array, rng: Any) -> None:
+def _tissue(t: Any, row: dict[str, Any], tip: FloatArray, axes: FloatArray, rng: Any) -> None:
     t["tissue"], t["normal"] = 1, -axes[:, 2]
     t["surface"] = tip + row["ahead"] * axes[:, 2]
     t["tissue_k"], t["tissue_p"], t["tissue_a"] = row["stiffness"], row["power"], row["damping"]
     t["shear"], t["torsion"], t["tissue_time"] = row["shear"], row["torsion"], row["relaxation"]
 
 
-__all__ = ["TOUCH", "act", "aim", "put", "scratch"]
+__all__ = ["TOUCH", "aim", "apply_touch", "attach_touch", "touch_scratch"]

@@ -13,8 +13,8 @@ from math import copysign, cos, exp, expm1, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.sim_devices.mujoco_plants.laws import UNIT, Place, State
-from hil.sim_devices.mujoco_plants.robots import Link, Robot
+from hil.sim_devices.mujoco_plants.laws import UNIT, EffectPlace, PlantState
+from hil.sim_devices.mujoco_plants.robots import Link, SimulatedRobot
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def inertia(link: Link) -> tuple[FloatArray, FloatArray]:
     return along / 2, across * np.eye(3) + (axial - across) * np.outer(n, n)
 
 
-def mjcf(robot: Robot, added: Additions, step: float) -> str:
+def mjcf(robot: SimulatedRobot, added: Additions, step: float) -> str:
     """MJCF of the robot with all that is hidden in its mechanism."""
     body = ""
     for k in reversed(range(len(robot.links))):
@@ -74,7 +74,7 @@ def mjcf(robot: Robot, added: Additions, step: float) -> str:
     )
 
 
-def _body(robot: Robot, k: int, added: Additions, inner: str) -> str:
+def _body(robot: SimulatedRobot, k: int, added: Additions, inner: str) -> str:
     link, geared = robot.links[k], k in added.geared
     com, about = inertia(link)
     full = (about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2])
@@ -89,14 +89,14 @@ def _body(robot: Robot, k: int, added: Additions, inner: str) -> str:
     )
 
 
-def _motor(robot: Robot, k: int) -> str:
+def _motor(robot: SimulatedRobot, k: int) -> str:
     """Inertia and friction of the motor of joint k."""
     link = robot.links[k]
     dry = DRY[robot.dry].format(link.friction)
     return f'armature="{link.rotor!r}" damping="{link.viscous!r}" {dry}'
 
 
-def _rotor(robot: Robot, k: int) -> str:
+def _rotor(robot: SimulatedRobot, k: int) -> str:
     """The motor as a body of its own, seen at the joint; the small mass only gives it a body."""
     kind = "slide" if robot.links[k].slides else "hinge"
     return (
@@ -117,7 +117,7 @@ def _quaternion(turn: Sequence[float]) -> tuple[float, float, float, float]:
     )
 
 
-def urdf(name: str, robot: Robot, wrong: float = 0.0, seed: int = 0) -> str:
+def exact_urdf(name: str, robot: SimulatedRobot, wrong: float = 0.0, seed: int = 0) -> str:
     """URDF with exact geometry.
 
     Parameters
@@ -158,7 +158,7 @@ def urdf(name: str, robot: Robot, wrong: float = 0.0, seed: int = 0) -> str:
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
-def size(robot: Robot, k: int) -> float:
+def size(robot: SimulatedRobot, k: int) -> float:
     """Length that the load of joint k is felt over [m]: from its axis to the end of its rod."""
     return sqrt(sum(x * x for x in robot.links[k].along))
 
@@ -168,31 +168,31 @@ def _text(values: Sequence[float] | FloatArray) -> str:
 
 
 #: Effort that motor and link exchange, from twist and its rate.
-Shaft = Callable[[State], float]
+Shaft = Callable[[PlantState], float]
 #: Frequency of the link on a shaft that is soft, and on one that is not the effect [Hz]; damping.
 _SOFT, _STIFF, _DAMPED = 24.0, 45.0, 0.12
 
 
-def _shaft(p: Place, inertia: float, hertz: float) -> tuple[float, float]:
+def _shaft(p: EffectPlace, inertia: float, hertz: float) -> tuple[float, float]:
     """Stiffness and damping of a shaft on which the link swings at `hertz`."""
     w = 2 * pi * hertz
     return inertia * w * w, 2 * _DAMPED * inertia * w
 
 
-def elastic(p: Place, inertia: float) -> Shaft:
+def elastic(p: EffectPlace, inertia: float) -> Shaft:
     """A linear shaft: the softer, the larger the amplitude."""
     j = p.j
     k, c = _shaft(p, inertia, _SOFT / p.amplitude**0.5)
     return lambda x: k * (x.m[j] - x.q[j]) + c * (x.w[j] - x.v[j])
 
 
-def hardening(p: Place, inertia: float) -> Shaft:
+def hardening(p: EffectPlace, inertia: float) -> Shaft:
     """A cable that stiffens exponentially: A (exp(|d| / d0) - 1)."""
     j = p.j
     k, c = _shaft(p, inertia, _SOFT / p.amplitude**0.5 * 0.6)
     d0 = 8.0 * UNIT * p.link.effort / k
 
-    def pull(x: State) -> float:
+    def pull(x: PlantState) -> float:
         d = x.m[j] - x.q[j]
         force = k * d0 * expm1(min(abs(d) / d0, 4.0))
         return copysign(force, d) + c * (x.w[j] - x.v[j])
@@ -200,13 +200,13 @@ def hardening(p: Place, inertia: float) -> Shaft:
     return pull
 
 
-def backlash(p: Place, inertia: float) -> Shaft:
+def backlash(p: EffectPlace, inertia: float) -> Shaft:
     """A play, and flanks of the usual stiffness that damp only while they touch."""
     j, half = p.j, 1.5e-3 * p.amplitude * p.link.reach
     k, c = _shaft(p, inertia, _STIFF)
     c *= 2.0
 
-    def pull(x: State) -> float:
+    def pull(x: PlantState) -> float:
         d = x.m[j] - x.q[j]
         if abs(d) <= half:
             return 0.0
@@ -217,12 +217,12 @@ def backlash(p: Place, inertia: float) -> Shaft:
     return pull
 
 
-def harmonic_drive(p: Place, inertia: float) -> Shaft:
+def harmonic_drive(p: EffectPlace, inertia: float) -> Shaft:
     """A flexible spline: error twice a turn of the motor, and stiffness that grows."""
     j, e, a = p.j, 1.2e-3 * p.amplitude * p.link.reach, p.phase(11.0, 0.5)
     k, c = _shaft(p, inertia, _SOFT)
 
-    def pull(x: State) -> float:
+    def pull(x: PlantState) -> float:
         d = x.m[j] + e * sin(a(x.m[j])) - x.q[j]
         return k * d * (1.0 + 0.2 * (1.0 - exp(-abs(d) * k / p.link.effort * 5.0))) + c * (
             x.w[j] - x.v[j]
@@ -231,13 +231,13 @@ def harmonic_drive(p: Place, inertia: float) -> Shaft:
     return pull
 
 
-def belt(p: Place, inertia: float) -> Shaft:
+def belt(p: EffectPlace, inertia: float) -> Shaft:
     """A belt that jumps teeth once or twice in a recording."""
     j, tooth, rng = p.j, 6e-3 * p.amplitude * p.link.reach, p.rng
     k, c = _shaft(p, inertia, _STIFF)
     start, gone = rng.uniform(0.25, 0.5) * p.robot.seconds, 0.0
 
-    def pull(x: State) -> float:
+    def pull(x: PlantState) -> float:
         nonlocal start, gone
         if x.t > start and abs(x.w[j]) > 0.2 * p.link.speed:
             gone += tooth * (1.0 if x.w[j] > 0.0 else -1.0)
@@ -247,7 +247,7 @@ def belt(p: Place, inertia: float) -> Shaft:
     return pull
 
 
-SHAFTS: dict[str, Callable[[Place, float], Shaft]] = {
+SHAFTS: dict[str, Callable[[EffectPlace, float], Shaft]] = {
     "elastic-transmission": elastic,
     "hardening-cable": hardening,
     "backlash": backlash,
@@ -256,7 +256,7 @@ SHAFTS: dict[str, Callable[[Place, float], Shaft]] = {
 }
 
 
-def end_stop(p: Place, added: Additions) -> None:
+def end_stop(p: EffectPlace, added: Additions) -> None:
     """MuJoCo's limit of the joint, soft, within reach of the motion."""
     link = p.link
     at = link.middle + link.reach * (0.3 if p.odd else 0.15)
@@ -268,7 +268,7 @@ def end_stop(p: Place, added: Additions) -> None:
     )
 
 
-def vibration(p: Place, added: Additions) -> None:
+def vibration(p: EffectPlace, added: Additions) -> None:
     """A wheel on a spring that the link carries along."""
     inertia = 0.06 * p.amplitude * p.link.rotor
     w = 2 * pi * (4.6 + 0.7 * p.j)
@@ -284,7 +284,7 @@ def vibration(p: Place, added: Additions) -> None:
     )
 
 
-def slosh(p: Place, added: Additions) -> None:
+def slosh(p: EffectPlace, added: Additions) -> None:
     """A tank whose water swings as a pendulum about two axes."""
     length = 0.35 * size(p.robot, p.j)
     # as heavy as a tenth of the motor's effort held at the end of the rod, at amplitude 10
@@ -302,7 +302,7 @@ def slosh(p: Place, added: Additions) -> None:
     )
 
 
-def idler(p: Place, added: Additions) -> None:
+def idler(p: EffectPlace, added: Additions) -> None:
     """A wheel that turns with two joints: MuJoCo's fixed tendon, with friction and damping."""
     r = 1.0
     f, c = p.size, p.size / p.link.speed
@@ -314,7 +314,7 @@ def idler(p: Place, added: Additions) -> None:
     )
 
 
-def _hose(p: Place, added: Additions) -> None:
+def _hose(p: EffectPlace, added: Additions) -> None:
     """A hose along two joints: a fixed tendon that is slack about its rest, and damped a little."""
     r, slack = 0.8 if p.odd else -1.0, 0.05 * p.link.reach
     k, c = 2.0 * p.size / p.link.reach, 0.05 * p.size / p.link.speed
@@ -326,7 +326,7 @@ def _hose(p: Place, added: Additions) -> None:
     )
 
 
-def payload(p: Place, added: Additions) -> None:
+def payload(p: EffectPlace, added: Additions) -> None:
     """A small heavy body at the tip."""
     mass = load_mass(p)
     at = " ".join(repr(x) for x in p.robot.links[-1].along)
@@ -337,14 +337,14 @@ def payload(p: Place, added: Additions) -> None:
     )
 
 
-def load_mass(p: Place) -> float:
+def load_mass(p: EffectPlace) -> float:
     """Mass that a middle motor holds with this amplitude [kg]."""
     lever = sum(size(p.robot, k) for k in range(len(p.robot.links)))
     strong = max(link.effort for link in p.robot.links)
     return p.amplitude * UNIT * strong / (9.81 * lever)
 
 
-STRUCTURES: dict[str, Callable[[Place, Additions], None]] = {
+STRUCTURES: dict[str, Callable[[EffectPlace, Additions], None]] = {
     "end-stop": end_stop,
     "vibration-mode": vibration,
     "coupled-transmission": idler,

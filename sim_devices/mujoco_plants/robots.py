@@ -57,7 +57,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Robot:
+class SimulatedRobot:
     """A robot and how it is measured.
 
     Parameters
@@ -103,18 +103,18 @@ class Robot:
 
 _HALF = pi / 2
 
-ROBOTS: dict[str, Robot] = {
+ROBOTS: dict[str, SimulatedRobot] = {
     # a spindle with a disc, vertical axis: nothing but inertia and friction
-    "spindle": Robot(
+    "spindle": SimulatedRobot(
         (Link(ORIGIN, Z, 1.9, (0.0, 0.0, 0.05), 0.13, 0.011, 0.21, 0.034, 0.0, 1.4, 7.0, 3.1),),
         2000.0, 22.0, 5e-4, 1.3e4, 0.006, 6.0, "smooth", True, False,
     ),
-    "pendulum": Robot(
+    "pendulum": SimulatedRobot(
         (Link(ORIGIN, Y, 0.82, (0.0, 0.0, -0.38), 0.018, 0.013, 0.11, 0.021, 0.3, 1.3, 5.5, 4.6),),
         500.0, 24.0, counts=9.1e3, noise=0.005, dry="usual",
     ),
     # two links in a vertical plane
-    "planar2": Robot(
+    "planar2": SimulatedRobot(
         (
             Link(ORIGIN, Y, 2.6, (0.43, 0.0, 0.0), 0.031, 0.09, 0.74, 0.31, -0.8, 0.75, 3.1, 38.0),
             Link(
@@ -125,7 +125,7 @@ ROBOTS: dict[str, Robot] = {
         1000.0, 22.0, counts=3.7e4, noise=0.004, dry="stiff", speeds=True,
     ),
     # yaw, shoulder, elbow of a geared workshop arm
-    "elbow3": Robot(
+    "elbow3": SimulatedRobot(
         (
             Link(ORIGIN, Z, 6.1, (0.0, 0.0, 0.31), 0.071, 0.92, 5.2, 3.9, 0.2, 1.1, 2.3, 120.0),
             Link(
@@ -140,7 +140,7 @@ ROBOTS: dict[str, Robot] = {
         250.0, 30.0, counts=1.6e5, noise=0.004,
     ),
     # a direct-driven stylus for the hand
-    "stylus3": Robot(
+    "stylus3": SimulatedRobot(
         (
             Link(
                 ORIGIN, Z, 0.24, (0.0, 0.0, 0.09), 0.034, 2.1e-4, 0.017, 0.0029, 0.1, 0.65, 4.1,
@@ -158,7 +158,7 @@ ROBOTS: dict[str, Robot] = {
         1000.0, 20.0, 1e-3, 1.1e4, 0.006, 6.0, "smooth", True,
     ),
     # two vertical axes, a quill, a roll
-    "scara4": Robot(
+    "scara4": SimulatedRobot(
         (
             Link(ORIGIN, Z, 5.3, (0.32, 0.0, 0.0), 0.047, 0.43, 2.6, 1.5, 0.3, 0.9, 3.2, 85.0),
             Link(
@@ -176,7 +176,7 @@ ROBOTS: dict[str, Robot] = {
         ),
         500.0, 22.0, counts=2.4e5, noise=0.005, dry="stiff", speeds=True,
     ),
-    "gantry2": Robot(
+    "gantry2": SimulatedRobot(
         (
             Link(
                 ORIGIN, X, 14.0, (0.0, 0.0, 0.18), 0.06, 21.0, 34.0, 96.0, 0.1, 0.34, 1.1, 420.0,
@@ -189,7 +189,7 @@ ROBOTS: dict[str, Robot] = {
         ),
         1000.0, 20.0, counts=1.1e6, noise=0.004,
     ),
-    "desk6": Robot(
+    "desk6": SimulatedRobot(
         (
             Link(ORIGIN, Z, 2.1, (0.0, 0.0, 0.14), 0.055, 0.21, 1.7, 1.2, 0.0, 1.2, 2.6, 40.0),
             Link(
@@ -215,7 +215,7 @@ ROBOTS: dict[str, Robot] = {
         ),
         125.0, 40.0, counts=4.2e5, noise=0.005, dry="usual",
     ),
-    "works6": Robot(
+    "works6": SimulatedRobot(
         (
             Link(ORIGIN, Z, 48.0, (0.0, 0.0, 0.42), 0.16, 19.0, 74.0, 88.0, 0.1, 1.0, 1.7, 1900.0),
             Link(
@@ -241,7 +241,7 @@ ROBOTS: dict[str, Robot] = {
         ),
         250.0, 30.0, counts=9.5e5, noise=0.003,
     ),
-    "light7": Robot(
+    "light7": SimulatedRobot(
         (
             Link(ORIGIN, Z, 3.3, (0.0, 0.0, 0.17), 0.06, 0.37, 1.3, 1.1, 0.1, 1.0, 2.0, 90.0),
             Link(

@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from hil.errors import ConfigError, unknown
 from hil.sim_devices.mujoco_plants import describe, laws
 from hil.sim_devices.mujoco_plants.describe import Additions
-from hil.sim_devices.mujoco_plants.laws import Place, State
-from hil.sim_devices.mujoco_plants.robots import ROBOTS, Robot
+from hil.sim_devices.mujoco_plants.laws import EffectPlace, PlantState
+from hil.sim_devices.mujoco_plants.robots import ROBOTS, SimulatedRobot
 
 # Names of all hidden effects: what each needs, and between which amplitudes it is itself.
 
@@ -120,7 +120,7 @@ FloatArray = NDArray[np.float64]
 SWELL = 1.5
 
 
-def reference(robot: Robot, kind: str, seed: int, step: float) -> FloatArray:
+def reference(robot: SimulatedRobot, kind: str, seed: int, step: float) -> FloatArray:
     """Place, speed and acceleration of every joint, (n, d, 3) [rad or m, per s, per s^2].
 
     Parameters
@@ -197,11 +197,11 @@ def _points(rng: np.random.Generator, t: FloatArray, reach: float, speed: float)
     return x
 
 
-Make = Callable[[np.random.Generator, FloatArray, float, float], FloatArray]
-MAKERS: dict[str, Make] = {"wander": _sines, "shuttle": _shuttle, "points": _points}
+MotionMaker = Callable[[np.random.Generator, FloatArray, float, float], FloatArray]
+MAKERS: dict[str, MotionMaker] = {"wander": _sines, "shuttle": _shuttle, "points": _points}
 
 
-def push(robot: Robot, seed: int, step: float) -> FloatArray:
+def push(robot: SimulatedRobot, seed: int, step: float) -> FloatArray:
     """Force ON the tip in the base frame (n, 3) [N]: coloured by two poles, a few newtons' worth.
 
     Its size follows from the motors: a fifteenth of the weakest effort over the longest lever.
@@ -248,10 +248,12 @@ class Plant:
         Of what happens at random.
     """
 
-    def __init__(self, robot: Robot, hidden: list[dict[str, Any]], seed: int) -> None:
+    def __init__(self, robot: SimulatedRobot, hidden: list[dict[str, Any]], seed: int) -> None:
         self.robot, self._mj = robot, engine()
         self.places = [
-            Place(robot, int(h["joint"]), float(h["amplitude"]), np.random.default_rng([seed, k]))
+            EffectPlace(
+                robot, int(h["joint"]), float(h["amplitude"]), np.random.default_rng([seed, k])
+            )
             for k, h in enumerate(hidden)
         ]
         self._effects = [(str(h["effect"]), p) for h, p in zip(hidden, self.places, strict=True)]
@@ -294,7 +296,7 @@ class Plant:
         if self.robot.dry == "smooth":
             self._on_motor += [(k, self._smooth(k)) for k in range(len(self.robot.links))]
 
-    def _smooth(self, k: int) -> laws.Law:
+    def _smooth(self, k: int) -> laws.EffortLaw:
         """Dry friction of a robot that has not MuJoCo's own."""
         f, w2 = self.robot.links[k].friction, (0.003 * self.robot.links[k].speed) ** 2
         return lambda x: -f * x.w[k] / sqrt(x.w[k] ** 2 + w2)
@@ -335,7 +337,7 @@ class Plant:
         """
         d, n, tick = len(self.robot.links), len(reference), self.robot.step
         out = np.full((n, 3 * d), np.nan)
-        control = Controller(self.robot, reference, dac)
+        control = FeedforwardController(self.robot, reference, dac)
         x = self._start(reference[0, :, 0])
         reach = [lost * link.reach for link in self.robot.links]
         loads = self._load_changes()
@@ -364,15 +366,15 @@ class Plant:
         }
         return found if push is None else found | {"force": push[::every]}
 
-    def _start(self, home: FloatArray) -> State:
+    def _start(self, home: FloatArray) -> PlantState:
         """At rest at `home`."""
         self.data.qpos[self._link] = home
         self.data.qpos[self._motor] = home
         self._mj.mj_forward(self.model, self.data)
         zero = [0.0] * len(self._link)
-        return State(q=home.tolist(), v=zero, m=home.tolist(), w=list(zero), u=list(zero))
+        return PlantState(q=home.tolist(), v=zero, m=home.tolist(), w=list(zero), u=list(zero))
 
-    def _advance(self, x: State, sent: list[float], extra: list[float], dt: float) -> None:
+    def _advance(self, x: PlantState, sent: list[float], extra: list[float], dt: float) -> None:
         """All steps of the physics in one period of the controller."""
         model, data, step = self.model, self.data, self._mj.mj_step
         x.dt = dt
@@ -412,7 +414,7 @@ class Plant:
         return [pick_up(self.model, p) for name, p in self._effects if name == "payload-change"]
 
 
-def pick_up(model: Any, p: Place) -> Callable[[float], None]:
+def pick_up(model: Any, p: EffectPlace) -> Callable[[float], None]:
     """The last link takes a point mass at its tip from an instant on."""
     robot, mass = p.robot, describe.load_mass(p)
     start = p.rng.uniform(0.35, 0.65) * robot.seconds
@@ -441,10 +443,10 @@ def _steiner(mass: float, r: FloatArray) -> FloatArray:
     return np.asarray(mass * (r @ r * np.eye(3) - np.outer(r, r)))
 
 
-class Controller:
+class FeedforwardController:
     """PD with a nominal inverse dynamics fed forward; encoder counts in, DAC steps out."""
 
-    def __init__(self, robot: Robot, reference: FloatArray, dac: FloatArray) -> None:
+    def __init__(self, robot: SimulatedRobot, reference: FloatArray, dac: FloatArray) -> None:
         w = 2 * pi * robot.bandwidth
         inertia = inertias(robot)
         self._stiff = [i * w * w for i in inertia]
@@ -480,7 +482,7 @@ class Controller:
 
 
 @lru_cache(maxsize=32)
-def _bare(robot: Robot) -> tuple[Any, Any]:
+def _bare(robot: SimulatedRobot) -> tuple[Any, Any]:
     """Model and data of the robot with nothing hidden."""
     mj = engine()
     model = mj.MjModel.from_xml_string(describe.mjcf(robot, Additions(), robot.step))
@@ -488,7 +490,7 @@ def _bare(robot: Robot) -> tuple[Any, Any]:
 
 
 @lru_cache(maxsize=32)
-def inertias(robot: Robot) -> tuple[float, ...]:
+def inertias(robot: SimulatedRobot) -> tuple[float, ...]:
     """Diagonal of the mass matrix in the middle of the motion, motors included [kg m^2 or kg]."""
     mj, (model, data) = engine(), _bare(robot)
     data.qpos[:] = [link.middle for link in robot.links]
@@ -501,7 +503,7 @@ def inertias(robot: Robot) -> tuple[float, ...]:
     return tuple(found)
 
 
-def forward(robot: Robot, reference: FloatArray) -> FloatArray:
+def forward(robot: SimulatedRobot, reference: FloatArray) -> FloatArray:
     """Effort (n, d) that a nominal model needs for the reference: `NOMINAL` of the true one."""
     true = effort(robot, reference)
     speed = reference[:, :, 1]
@@ -511,7 +513,7 @@ def forward(robot: Robot, reference: FloatArray) -> FloatArray:
     return NOMINAL * true + dry + viscous
 
 
-def effort(robot: Robot, motion: FloatArray) -> FloatArray:
+def effort(robot: SimulatedRobot, motion: FloatArray) -> FloatArray:
     """Rigid-body effort (n, d) for places, speeds and accelerations (n, d, 3), from MuJoCo.
 
     Motors' inertias count, friction does not.
@@ -556,7 +558,7 @@ def urdf(name: str, exact: bool = False) -> str:
     if not robot.described:
         return ""
     wrong = 0.0 if exact else WRONG
-    return describe.urdf(name, robot, wrong, sorted(ROBOTS).index(name))
+    return describe.exact_urdf(name, robot, wrong, sorted(ROBOTS).index(name))
 
 
 def simulate(
@@ -611,14 +613,14 @@ def simulate(
     return _lose(found, lost, seed)
 
 
-def _robot(name: str) -> Robot:
+def _robot(name: str) -> SimulatedRobot:
     if name not in ROBOTS:
         raise ConfigError(unknown("robot of the test plants", name, ROBOTS))
     return ROBOTS[name]
 
 
 def _recorded(
-    table: Robot,
+    table: SimulatedRobot,
     rows: dict[str, FloatArray],
     hidden: list[dict[str, Any]],
     noise: str,

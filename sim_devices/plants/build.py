@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
 from hil.sim_devices.plants import truth, world
-from hil.sim_devices.plants.layout import ARM, GEL, OPERATOR, SINES, STATE
+from hil.sim_devices.plants.layout import ARM_DTYPE, ARM_STATE_DTYPE, GEL_DTYPE, OPERATOR, SINES
 
 # Hidden effects: physics that a session may hold and that its analysis has to find.
 #
-# Each row names the fields of `layout.ARM` that it sets, with the value at amplitude 1 and
+# Each row names the fields of `layout.ARM_DTYPE` that it sets, with the value at amplitude 1 and
 # whether the amplitude scales it.  The laws are in `friction`, `drive` and `passive`; they are
 # not those of the library.
 
@@ -23,7 +23,7 @@ _JOINTS = ("joint1", "joint2", "joint3")
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenKind:
     """One kind of hidden effect.
 
     Parameters
@@ -41,31 +41,37 @@ class Hidden:
     text: str
 
 
-HIDDEN: dict[str, Hidden] = {
-    "stribeck": Hidden({"stribeck": 0.013}, {"stribeck_speed": 0.15}, "rational Stribeck curve"),
-    "asymmetric-coulomb": Hidden({"asym_coulomb": 0.008}, {}, "one direction rubs harder"),
-    "asymmetric-viscous": Hidden({"asym_viscous": 0.008}, {}, "one direction is more viscous"),
-    "quadratic-drag": Hidden({"drag": 0.024}, {}, "|v|^1.8"),
-    "presliding": Hidden({"coulomb_motor": 0.002}, {}, "nested Maxwell slip over 3..20 mrad"),
-    "position-friction": Hidden(
+HIDDEN_KINDS: dict[str, HiddenKind] = {
+    "stribeck": HiddenKind(
+        {"stribeck": 0.013}, {"stribeck_speed": 0.15}, "rational Stribeck curve"
+    ),
+    "asymmetric-coulomb": HiddenKind({"asym_coulomb": 0.008}, {}, "one direction rubs harder"),
+    "asymmetric-viscous": HiddenKind({"asym_viscous": 0.008}, {}, "one direction is more viscous"),
+    "quadratic-drag": HiddenKind({"drag": 0.024}, {}, "|v|^1.8"),
+    "presliding": HiddenKind({"coulomb_motor": 0.002}, {}, "nested Maxwell slip over 3..20 mrad"),
+    "position-friction": HiddenKind(
         {"eccentric": 0.006},
         {"eccentric_period": 0.45, "eccentric_phase": 0.6},
         "eccentric pulley rubs once a turn",
     ),
-    "load-friction": Hidden({"capstan": 0.25}, {}, "capstan friction of the loaded cable"),
-    "coupled-friction": Hidden({"couple": 0.006}, {}, "another joint's cable rubs on this one"),
-    "spring": Hidden({"spring": 0.06}, {"spring_rest": 0.1}, "over-centre spring"),
-    "position-torque": Hidden({"umbilical": 0.012}, {"umbilical_at": 0.1}, "umbilical cable"),
-    "end-stop": Hidden(
+    "load-friction": HiddenKind({"capstan": 0.25}, {}, "capstan friction of the loaded cable"),
+    "coupled-friction": HiddenKind({"couple": 0.006}, {}, "another joint's cable rubs on this one"),
+    "spring": HiddenKind({"spring": 0.06}, {"spring_rest": 0.1}, "over-centre spring"),
+    "position-torque": HiddenKind({"umbilical": 0.012}, {"umbilical_at": 0.1}, "umbilical cable"),
+    "end-stop": HiddenKind(
         {"stop": 0.3}, {"stop_at": (0.15, 0.6, 0.5)}, "rubber stop within the range"
     ),
-    "torque-gain": Hidden({"gain": 0.08}, {}, "torque constant off"),
-    "cogging": Hidden({"cogging": 0.006}, {"cogging_cycles": 33.6}, "two harmonics of the motor"),
-    "delay": Hidden({"delay": 0.008}, {}, "commands arrive late [s]"),
-    "payload": Hidden({"payload": 0.03}, {}, "a mass at the tip [kg]"),
-    "outside-speed-product": Hidden({"product": 0.03}, {}, "product of the other joints' speeds"),
-    "outside-stick-slip": Hidden({"burst": 0.03}, {}, "friction bursts at random times"),
-    "outside-resonance": Hidden({"resonance": 0.06}, {}, "resonance that moves with speed"),
+    "torque-gain": HiddenKind({"gain": 0.08}, {}, "torque constant off"),
+    "cogging": HiddenKind(
+        {"cogging": 0.006}, {"cogging_cycles": 33.6}, "two harmonics of the motor"
+    ),
+    "delay": HiddenKind({"delay": 0.008}, {}, "commands arrive late [s]"),
+    "payload": HiddenKind({"payload": 0.03}, {}, "a mass at the tip [kg]"),
+    "outside-speed-product": HiddenKind(
+        {"product": 0.03}, {}, "product of the other joints' speeds"
+    ),
+    "outside-stick-slip": HiddenKind({"burst": 0.03}, {}, "friction bursts at random times"),
+    "outside-resonance": HiddenKind({"resonance": 0.06}, {}, "resonance that moves with speed"),
 }
 
 #: What ``effect = "random"`` chooses from: effects that free motion alone can reveal.
@@ -116,7 +122,7 @@ def hidden_rows(rows: list[Any], known: Mapping[str, Mapping[str, Any]]) -> list
     return [dict(row) for row in rows]
 
 
-def choose(rows: list[dict[str, Any]], arms: list[str], seed: int) -> list[dict[str, Any]]:
+def draw_hidden(rows: list[dict[str, Any]], arms: list[str], seed: int) -> list[dict[str, Any]]:
     """Replace ``effect = "random"`` by a choice that depends on `seed` alone."""
     rng = np.random.default_rng([seed, 0x41D])
     chosen = []
@@ -136,9 +142,9 @@ def apply(p: NDArray[np.void], row: dict[str, Any]) -> None:
     name = row["effect"]
     amplitude = float(row.get("amplitude", 1.0))
     if name == "payload":
-        truth.add_tip_mass(p, amplitude * HIDDEN[name].size["payload"])
+        truth.add_tip_mass(p, amplitude * HIDDEN_KINDS[name].size["payload"])
         return
-    kind, joint = HIDDEN[name], row.get("joint", "joint2")
+    kind, joint = HIDDEN_KINDS[name], row.get("joint", "joint2")
     joints = _JOINTS if joint == "all" else (joint,)
     for label in joints:
         if label not in _JOINTS:
@@ -166,7 +172,7 @@ def _set(
         return
     for key, value in values.items():
         # what is scaled adds up; a shape is set
-        p[key][0, i] = value if key in HIDDEN[name].shape else p[key][0, i] + value
+        p[key][0, i] = value if key in HIDDEN_KINDS[name].shape else p[key][0, i] + value
     if name == "presliding":
         p["slip_motor"][0, i], p["creep"][0, i] = NESTED_SLIP, 0.0
 
@@ -258,24 +264,24 @@ def same_type(value: Any, default: Any) -> bool:
     return isinstance(value, type(default))
 
 
-def plan(arms: dict[str, str], section: dict[str, Any], seed: int) -> Plan:
+def plan_bench(arms: dict[str, str], section: dict[str, Any], seed: int) -> Plan:
     """Build all records; `arms` maps the name of an arm to its force sensor."""
     table = with_defaults("simulation", section, _DEFAULTS)
-    facts = truth.load(table["truth"])
+    facts = truth.load_truth(table["truth"])
     rng = np.random.default_rng([seed, 0xB0D])
     names, n = list(arms), len(arms)
-    parameters, state = np.zeros(n, ARM), np.zeros(n, STATE)
+    parameters, state = np.zeros(n, ARM_DTYPE), np.zeros(n, ARM_STATE_DTYPE)
     gauges = np.random.default_rng(0xCA1)
     for i, sensor in enumerate(arms.values()):
-        parameters[i] = truth.arm(facts, sensor, gauges.standard_normal((6, 6)))[0]
+        parameters[i] = truth.arm_record(facts, sensor, gauges.standard_normal((6, 6)))[0]
         start(parameters[i], state[i], np.asarray(table["home"], float))
     choice = table["hidden_seed"]
     own: dict[str, dict[str, Any]] = {
-        name: kind.size | dict.fromkeys(kind.shape, 1.0) for name, kind in HIDDEN.items()
+        name: kind.size | dict.fromkeys(kind.shape, 1.0) for name, kind in HIDDEN_KINDS.items()
     }
     own["coupled-friction"]["by"] = "joint1"
     rows = hidden_rows(table["hidden"], own | {"random": {}})
-    for row in choose(rows, names, seed if choice is None else int(choice)):
+    for row in draw_hidden(rows, names, seed if choice is None else int(choice)):
         if row["arm"] not in names:
             raise ConfigError(f"[[simulation.hidden]]: {unknown('arm', row['arm'], names)}")
         k = names.index(row["arm"])
@@ -289,7 +295,7 @@ def start(p: np.void, x: np.void, home: NDArray[np.float64]) -> None:
     if home.shape != (3,):
         raise ConfigError("[simulation] home: three joint angles [rad] are needed.")
     x["qm"][:], x["q"][:], x["parked"] = home, home, 1
-    world.tip(p, x)
+    world.tip_state(p, x)
 
 
 def _operators(
@@ -340,7 +346,7 @@ def _gels(
     names: list[str], section: dict[str, Any], facts: dict[str, Any], state: NDArray[np.void]
 ) -> NDArray[np.void]:
     table = with_defaults("simulation.gel", section, GEL_KEYS)
-    records = np.zeros(len(names), GEL)
+    records = np.zeros(len(names), GEL_DTYPE)
     records["relaxation"] = 1.0
     if not table["arm"]:
         return records

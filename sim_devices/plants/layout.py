@@ -1,6 +1,6 @@
 """Memory layout of the compiled plant: one structured record per arm.
 
-Joint vectors have length 3 and SI units (rad, N m).  Fields of the second group in `ARM` are
+Joint vectors have length 3 and SI units (rad, N m).  Fields of the second group in `ARM_DTYPE` are
 zero in the nominal plant and are set by `hil.sim_devices.plants.build`.
 """
 
@@ -56,9 +56,9 @@ _HIDDEN = [
     ("product", _F, _J), ("burst", _F, _J), ("resonance", _F, _J),
 ]  # fmt: skip
 
-ARM = np.dtype(_NOMINAL + _HIDDEN)
+ARM_DTYPE = np.dtype(_NOMINAL + _HIDDEN)
 
-STATE = np.dtype([
+ARM_STATE_DTYPE = np.dtype([
     ("parked", np.int64), ("head", np.int64),
     ("qm", _F, _J), ("vm", _F, _J), ("q", _F, _J), ("v", _F, _J),
     ("zm", _F, (3, ELEMENTS)), ("zl", _F, (3, ELEMENTS)),  # Maxwell deflections [rad]
@@ -78,7 +78,7 @@ OPERATOR = np.dtype([
     ("aim", _F, _J), ("aim_v", _F, _J),
 ])  # fmt: skip
 
-GEL = np.dtype([
+GEL_DTYPE = np.dtype([
     ("on", np.int64), ("surface", _F),
     ("stiffness", _F), ("power", _F), ("damping", _F),
     ("branch", _F), ("relaxation", _F), ("drag", _F),

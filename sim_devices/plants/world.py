@@ -23,7 +23,7 @@ from hil.sim_devices.plants.layout import ELEMENTS, HISTORY, SINES
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def command(p: Any, x: Any, codes: Any, random: Any, dt: float) -> None:
+def take_command(p: Any, x: Any, codes: Any, random: Any, dt: float) -> None:
     """Take the DAC `codes` (3,) of a tick of length `dt` [s] and draw its disturbances."""
     x.head = (x.head + 1) % HISTORY
     for i in range(3):
@@ -129,7 +129,7 @@ def link_side(p: Any, x: Any, i: int, dt: float) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def passive(p: Any, x: Any, i: int, dt: float) -> float:
+def passive_force(p: Any, x: Any, i: int, dt: float) -> float:
     """Passive torque [N m] on link i."""
     q, v = x.q[i], x.v[i]
     total = 0.0
@@ -143,11 +143,11 @@ def passive(p: Any, x: Any, i: int, dt: float) -> float:
     if p.stop[i] != 0.0 and q > p.stop_at[i]:
         # rubber: k d^1.5 (1 + c v), never pulling
         total -= max(0.0, p.stop[i] * (q - p.stop_at[i]) ** 1.5 * (1.0 + 0.15 * v))
-    return float(total + outside(p, x, i, dt))
+    return float(total + uncatalogued_effects(p, x, i, dt))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def outside(p: Any, x: Any, i: int, dt: float) -> float:
+def uncatalogued_effects(p: Any, x: Any, i: int, dt: float) -> float:
     """Effects of no catalogue [N m] on link i: speed product, speed-dependent resonance."""
     a, b = (i + 1) % 3, (i + 2) % 3
     total = -p.product[i] * x.v[a] * x.v[b]
@@ -168,14 +168,14 @@ def _angles(x: Any) -> Any:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def tip(p: Any, x: Any) -> None:
+def tip_state(p: Any, x: Any) -> None:
     """Tip position and velocity of the link side into `x.tip`, `x.tip_v`."""
     tip_at(p, x, _angles(x))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def tip_at(p: Any, x: Any, trig: Any) -> None:
-    """`tip` with the `_angles` of now."""
+    """`tip_state` with the `_angles` of now."""
     s1, c1, s2, c2, s3, c3 = trig
     # r = l1 cos th2 + l2 sin th3;  z = l1 sin th2 - l2 cos th3
     r = p.l1 * c2 + p.l2 * s3
@@ -231,7 +231,7 @@ def push_at(p: Any, x: Any, torque: Any, dt: float, trig: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def press(gel: Any, x: Any, dt: float) -> None:
+def press_gel(gel: Any, x: Any, dt: float) -> None:
     """Add the gel's force [N] on the tip to `x.force`."""
     depth = gel.surface - x.tip[2]
     if depth <= 0.0:
@@ -334,7 +334,7 @@ def _substep(
         for j in range(3):
             pull += p.cable_damping[i, j] * (x.vm[j] - x.v[j])
         x.sm[i] = direction(p, x, i, dt)
-        link[i] = pull - link_side(p, x, i, dt) + passive(p, x, i, dt)
+        link[i] = pull - link_side(p, x, i, dt) + passive_force(p, x, i, dt)
         x.heat[i] += dt * (fabs(x.vm[i]) - x.heat[i]) / p.warming_time
         push = motor_by(p, x, i, elapsed, tick, risen) - pull
         x.vm[i] += dt * (push - motor_side(p, x, i, pull)) / p.rotor[i]
@@ -345,7 +345,7 @@ def _substep(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> None:
+def read_sensors(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> None:
     """Quadrature counts (3,) of the motor encoders and gauge words (6,) of the sensor."""
     for i in range(3):
         counts[i] = floor(x.qm[i] * p.encoder[i])
@@ -362,7 +362,7 @@ def sense(p: Any, x: Any, t: float, random: Any, counts: Any, gauges: Any) -> No
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def run(
+def run_plant(
     p: Any,
     x: Any,
     h: Any,
@@ -394,7 +394,7 @@ def run(
     link = np.zeros(3)
     for a in range(p.shape[0]):
         pa, xa, ha, ga = p[a], x[a], h[a], g[a]
-        command(pa, xa, codes[a], random[a], tick)
+        take_command(pa, xa, codes[a], random[a], tick)
         aim(ha, t)
         risen = motor_share(pa, dt)
         for k in range(n):
@@ -405,7 +405,7 @@ def run(
                 if xa.parked == 0:
                     hold(ha, xa, dt)
                     if ga.on > 0:
-                        press(ga, xa, dt)
+                        press_gel(ga, xa, dt)
             if xa.parked == 0:
                 _substep(pa, xa, k * dt, tick, dt, link, risen, trig)
-        sense(pa, xa, t + tick, random[a], counts[a], gauges[a])
+        read_sensors(pa, xa, t + tick, random[a], counts[a], gauges[a])

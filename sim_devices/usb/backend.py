@@ -43,7 +43,7 @@ def failure(number: int) -> USBError:
     return kind(TEXTS[number], CODES[number], number)
 
 
-class Firmware(Protocol):
+class UsbFirmware(Protocol):
     """What a simulated device is to the bus.
 
     Attributes
@@ -89,17 +89,17 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
     """
 
     def __init__(self, wait: Callable[[int], bool] = lambda milliseconds: False) -> None:
-        self.devices: list[Firmware] = []
+        self.devices: list[UsbFirmware] = []
         self.wait = wait
         self.opened = 0
 
     # identity
 
-    def enumerate_devices(self) -> list[Firmware]:
+    def enumerate_devices(self) -> list[UsbFirmware]:
         """All devices on the bus."""
         return [d for d in self.devices if d.plugged]
 
-    def get_device_descriptor(self, dev: Firmware) -> SimpleNamespace:
+    def get_device_descriptor(self, dev: UsbFirmware) -> SimpleNamespace:
         """Device descriptor."""
         return SimpleNamespace(
             bLength=18,
@@ -123,7 +123,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
             speed=3,
         )
 
-    def get_configuration_descriptor(self, dev: Firmware, config: int) -> SimpleNamespace:
+    def get_configuration_descriptor(self, dev: UsbFirmware, config: int) -> SimpleNamespace:
         """Configuration descriptor."""
         _only(config)
         return SimpleNamespace(
@@ -139,7 +139,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         )
 
     def get_interface_descriptor(
-        self, dev: Firmware, intf: int, alt: int, config: int
+        self, dev: UsbFirmware, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         """Interface descriptor."""
         _only(config, intf, alt)
@@ -157,7 +157,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         )
 
     def get_endpoint_descriptor(
-        self, dev: Firmware, ep: int, intf: int, alt: int, config: int
+        self, dev: UsbFirmware, ep: int, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         """Endpoint descriptor."""
         _only(config, intf, alt)
@@ -176,7 +176,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
 
     # opening and claiming
 
-    def open_device(self, dev: Firmware) -> Firmware:
+    def open_device(self, dev: UsbFirmware) -> UsbFirmware:
         """Open a device."""
         if not dev.plugged:
             raise failure(errno.ENODEV)
@@ -185,41 +185,41 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         self.opened += 1
         return dev
 
-    def close_device(self, dev_handle: Firmware) -> None:
+    def close_device(self, dev_handle: UsbFirmware) -> None:
         """Close a device."""
         self.opened -= 1
 
-    def set_configuration(self, dev_handle: Firmware, config_value: int) -> None:
+    def set_configuration(self, dev_handle: UsbFirmware, config_value: int) -> None:
         """There is one configuration."""
         _here(dev_handle)
 
-    def get_configuration(self, dev_handle: Firmware) -> int:
+    def get_configuration(self, dev_handle: UsbFirmware) -> int:
         """Value of the active configuration."""
         _here(dev_handle)
         return 1
 
-    def set_interface_altsetting(self, dev_handle: Firmware, intf: int, altsetting: int) -> None:
+    def set_interface_altsetting(self, dev_handle: UsbFirmware, intf: int, altsetting: int) -> None:
         """There is one setting."""
         _here(dev_handle)
 
-    def claim_interface(self, dev_handle: Firmware, intf: int) -> None:
+    def claim_interface(self, dev_handle: UsbFirmware, intf: int) -> None:
         """Claim the interface."""
         _here(dev_handle)
 
-    def release_interface(self, dev_handle: Firmware, intf: int) -> None:
+    def release_interface(self, dev_handle: UsbFirmware, intf: int) -> None:
         """Release the interface."""
         _here(dev_handle)
 
-    def clear_halt(self, dev_handle: Firmware, ep: int) -> None:
+    def clear_halt(self, dev_handle: UsbFirmware, ep: int) -> None:
         """Clear a halt."""
         _here(dev_handle)
         dev_handle.halt_cleared(ep)
 
-    def reset_device(self, dev_handle: Firmware) -> None:
+    def reset_device(self, dev_handle: UsbFirmware) -> None:
         """Reset the port."""
         _here(dev_handle)
 
-    def is_kernel_driver_active(self, dev_handle: Firmware, intf: int) -> bool:
+    def is_kernel_driver_active(self, dev_handle: UsbFirmware, intf: int) -> bool:
         """No kernel driver takes a vendor class."""
         return False
 
@@ -227,7 +227,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
 
     def ctrl_transfer(
         self,
-        dev_handle: Firmware,
+        dev_handle: UsbFirmware,
         bmRequestType: int,
         bRequest: int,
         wValue: int,
@@ -242,7 +242,7 @@ class SimUsb(usb.backend.IBackend):  # type: ignore[misc]
         return dev_handle.control(bmRequestType, bRequest, wValue, wIndex, data)
 
     def bulk_read(
-        self, dev_handle: Firmware, ep: int, intf: int, buff: array[int], timeout: int
+        self, dev_handle: UsbFirmware, ep: int, intf: int, buff: array[int], timeout: int
     ) -> int:
         """Bulk read until the buffer is full; after the time is over, what came until then."""
         _here(dev_handle)
@@ -263,7 +263,7 @@ def _only(*indices: int) -> None:
         raise IndexError
 
 
-def _here(dev: Firmware) -> None:
+def _here(dev: UsbFirmware) -> None:
     if not dev.plugged:
         raise failure(errno.ENODEV)
 

@@ -43,7 +43,7 @@ AGAIN = [
 
 
 def test_effects_count_flips_of_stable_sessions():
-    found = {e.code: e for e in command.effects(ROWS, AGAIN)}
+    found = {e.code: e for e in command.rule_effects(ROWS, AGAIN)}
     assert list(found) == [*rules.CANDIDATE, *rules.FIT]
     worth, paired, idle = found["worth"], found["paired"], found["scales"]
     assert (worth.stage, worth.fired, worth.alone, worth.seconds) == ("candidate", 3, 3, 6.0)
@@ -145,7 +145,7 @@ def test_results_of_another_revision_are_refused(monkeypatch, tmp_path):
 
 
 def test_only_some_sessions():
-    todo = cases.nothing(range(1))
+    todo = cases.nothing_hidden(range(1))
     some = command.only(todo, ["/white/"])
     assert some and {c.noise for c in some} == {"white"}
     assert command.only(todo, []) == todo
@@ -157,7 +157,7 @@ def test_rules_that_change_nothing_alone_go_together():
     todo = [SimpleNamespace(name=name) for name in "abc"]
     rows = [r | {"fired": [*r["fired"], "worth"]} for r in ROWS[:2]]
     rows.append(row("c", "right", ["delay"], ["worth"]) | {"fired": ["worth"]})
-    found = command.together(todo, rows, AGAIN)
+    found = command.inactive_together(todo, rows, AGAIN)
     # "detected" fired in the first two and changes nothing; "worth" does and stays
     assert [t.case.name for t in found] == ["a", "b"]
     assert "detected" in found[0].code.split("+") and "worth" not in found[0].code.split("+")

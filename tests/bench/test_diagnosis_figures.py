@@ -19,7 +19,7 @@ def row(kind, hidden, named, verdict, excess=2.0):
         {"effect": e, "joint": j, "confidence": c, "share": 0.9, "rivals": r}
         for e, j, c, r in named
     ]
-    hid = tuple(cases.Hidden(e, int(j[-1]) - 1, x) for e, j, x in hidden)
+    hid = tuple(cases.HiddenEffect(e, int(j[-1]) - 1, x) for e, j, x in hidden)
     case = cases.SessionCase(kind, "arm", hid, "white", "strokes", 0)
     return found | {"outcome": runner.outcome(case, found)}
 
@@ -84,7 +84,7 @@ def test_report_and_resume(tmp_path):
 
 @pytest.mark.parametrize("kind", session.MOTION_KINDS)
 def test_reference_is_consistent(kind):
-    r = session.reference(kind, 7)
+    r = session.reference_motion(kind, 7)
     slope = np.gradient(r[..., 0], 1e-3, axis=0)
     assert np.abs(slope - r[..., 1])[1500:-1].max() < 5e-3
     assert np.abs(r[..., 1]).max() < 3.0
@@ -93,12 +93,12 @@ def test_reference_is_consistent(kind):
 
 
 def test_plan_is_as_large_as_promised():
-    plan = cases.plan()
+    plan = cases.rig_plan()
     assert len({c.name for c in plan}) == len(plan)
     assert len({h.effect for c in plan for h in c.hidden}) >= 32
     assert sum(c.kind == "none" for c in plan) >= 40
-    quick = cases.plan(quick=True)
+    quick = cases.rig_plan(quick=True)
     assert {c.kind for c in quick} == {"one", "two", "none", "outside"}
-    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds())
+    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds_of_plant())
     # five minutes at 20 a minute
     assert len(quick) <= 100

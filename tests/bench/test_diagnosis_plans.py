@@ -47,19 +47,21 @@ def test_rows_of_an_earlier_revision_are_of_the_tuning_plants():
     ],
 )
 def test_what_has_no_name_of_its_own_has_right_names(hidden, named, outcome):
-    case = cases.SessionCase("one", "elbow3", (cases.Hidden(hidden, 0, 1.5),), "white", "points", 0)
+    case = cases.SessionCase(
+        "one", "elbow3", (cases.HiddenEffect(hidden, 0, 1.5),), "white", "points", 0
+    )
     found = row("test", "elbow3", named, "") | {"hidden": [[hidden, "joint1", 1.5]]}
     assert runner.outcome(case, found) == outcome
-    (mean,) = [s.k for _, _, _, s in tables.calibration([found]) if s.n]
+    (mean,) = [s.k for _, _, _, s in tables.confidence_bins([found]) if s.n]
     assert mean == (outcome == "right")
 
 
 def test_without_mujoco_the_tuning_plants_are_left_and_that_is_said(monkeypatch, capsys):
     monkeypatch.setattr(session, "mujoco_available", lambda: False)
-    assert command.chosen(None) == ["tuning"]
+    assert command.chosen_plants(None) == ["tuning"]
     assert session.MUJOCO_EXTRA in capsys.readouterr().err
     with pytest.raises(ConfigError, match="mujoco"):
-        command.chosen("test")
+        command.chosen_plants("test")
 
 
 @needs_mujoco
@@ -67,12 +69,12 @@ def test_ten_seeds_put_every_effect_on_every_robot_that_can_show_it():
     plan = cases.mujoco_plan()
     assert len({c.name for c in plan}) == len(plan) > 1000
     assert {c.plant for c in plan} == {"test"}
-    for effect, (needs, *_) in session.kinds("test").items():
+    for effect, (needs, *_) in session.kinds_of_plant("test").items():
         on = {c.robot for c in plan if any(h.effect == effect for h in c.hidden)}
         assert on >= set(session.robots_showing(needs)), effect
     quick = cases.mujoco_plan(quick=True)
     assert len(quick) < 66
-    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds("test"))
+    assert {h.effect for c in quick for h in c.hidden} == set(session.kinds_of_plant("test"))
 
 
 @needs_mujoco
@@ -90,7 +92,7 @@ def test_two_motors_of_the_last_two_joints_belong_to_the_earlier_one():
 
 
 def test_the_quick_plan_is_calibrated():
-    known = amplitudes.table("test")
+    known = amplitudes.amplitude_table("test")
     missing = {
         amplitudes.name(h.effect, h.joint, c.robot, c.excitation)
         for c in cases.mujoco_plan(quick=True)
@@ -98,7 +100,7 @@ def test_the_quick_plan_is_calibrated():
     } - set(known)
     assert not missing
     for key, found in known.items():
-        _, least, most = session.kinds("test")[key.split("/")[0]]
+        _, least, most = session.kinds_of_plant("test")[key.split("/")[0]]
         assert all(least <= a <= most for a in found), key
 
 
@@ -109,7 +111,7 @@ OUTCOMES = ("right", "ambiguous", "extra", "wrong", "one", "unexplained", "misse
 @pytest.mark.slow
 def test_a_case_becomes_a_row_that_can_be_read_again(tmp_path):
     (case,) = (c for c in cases.mujoco_plan(quick=True) if c.name.startswith("spring@"))
-    found = runner.judge(case)
+    found = runner.judged_row(case)
     assert found["plant"] == "test" and found["outcome"] in OUTCOMES
     path = tmp_path / "rows.jsonl"
     path.write_text(json.dumps(found) + "\n", encoding="utf-8")

@@ -15,7 +15,7 @@ QUICK = ("CSV", "motor currents", "NumPy arrays", "pandas frame")
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_door_lets_in_what_was_written(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(doors, "N", 400)
+    monkeypatch.setattr(doors, "N_SAMPLES", 400)
     (door,) = [d for d in doors.DOORS if d.name == name]
     row = doors._through(door, tmp_path)
     assert row.good and row.seconds > 0
@@ -28,7 +28,7 @@ def test_there_are_twenty_kinds_at_least_and_names_are_told_once():
 
 
 def test_another_motion_is_not_taken_for_the_same():
-    t, q, _, tau = doors.motion()
+    t, q, _, tau = doors.door_motion()
     assert doors._compared("x", "", 0.0, hil.from_arrays(t, q, tau)).good
     assert not doors._compared("x", "", 0.0, hil.from_arrays(t, q, 1.001 * tau)).good
     assert not doors._compared("x", "", 0.0, hil.from_arrays(1.001 * t, q, tau)).good

@@ -80,7 +80,7 @@ def test_sensors_that_fail_stop_the_motors_within_two_ticks():
 def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
     found = runner.in_child("process killed (-9)", tmp_path)
     assert found.lost <= 100 and found.right, found
-    assert "gone" in runner.row(found)[4]
+    assert "gone" in runner.fault_row(found)[4]
 
 
 @pytest.mark.real_time
@@ -95,7 +95,7 @@ def test_a_killed_process_loses_a_tenth_of_a_second_and_its_power(tmp_path):
 def test_a_watchdog_that_is_attacked_is_a_fault_or_cuts(name, says, tmp_path):
     found = runner.in_child(name, tmp_path)
     assert found.right, found
-    assert says in runner.row(found)[4]
+    assert says in runner.fault_row(found)[4]
     assert found.ticks is not None and found.ticks < 2000
 
 
@@ -117,5 +117,5 @@ def test_cyclictest_is_read(monkeypatch):
     monkeypatch.setattr(loop.shutil, "which", lambda name: None)
     assert "not installed" in loop.cyclictest(1.0).note
     ours = loop.LoopRun("hil run", 1, 0, 1, 1, 1, 1)
-    assert "nothing to compare" in loop.verdict([loop.cyclictest(1.0), ours])
+    assert "nothing to compare" in loop.loop_verdict([loop.cyclictest(1.0), ours])
     assert loop.plain_sleep(0.01).ticks == 10

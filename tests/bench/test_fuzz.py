@@ -55,17 +55,17 @@ def memory(data: bytes, folder: Path) -> None:
 @pytest.mark.slow
 def test_lines_that_are_reached_lead_to_a_fault(monkeypatch):
     monkeypatch.setattr(fuzz, "_COUNTED", fuzz.re.compile("test_fuzz"))
-    found = fuzz.explore(fuzz.Target("deep", deep, three), 2.5)
+    found = fuzz.explore_target(fuzz.Target("deep", deep, three), 2.5)
     assert [f.what for f in found.findings] == ["KeyError in ?"]
     assert set(b"[{") <= set(found.findings[0].data) and found.kept >= 2
 
 
 @pytest.mark.slow
 def test_a_crash_and_a_lack_of_memory_are_findings(tmp_path):
-    found = fuzz.guarded(fuzz.Target("crash", crash, three), 1.5)
+    found = fuzz.explore_guarded(fuzz.Target("crash", crash, three), 1.5)
     assert "ends the process with signal 6" in {f.what for f in found.findings}
     assert all(b"{" in f.data for f in found.findings)
-    found = fuzz.guarded(fuzz.Target("memory", memory, three), 0.5)
+    found = fuzz.explore_guarded(fuzz.Target("memory", memory, three), 0.5)
     assert any("MemoryError" in f.what for f in found.findings)
     (path, *_) = fuzz.keep([found], tmp_path / "kept")
     assert path.name.startswith("memory-") and path.read_bytes() == found.findings[0].data
@@ -73,7 +73,7 @@ def test_a_crash_and_a_lack_of_memory_are_findings(tmp_path):
 
 def test_a_slow_input_is_a_finding(monkeypatch):
     monkeypatch.setattr(fuzz, "SLOW_S", 0.0)
-    found = fuzz.explore(fuzz.Target("slow", deep, three), 0.05)
+    found = fuzz.explore_target(fuzz.Target("slow", deep, three), 0.05)
     assert any(f.what.startswith("takes") for f in found.findings)
 
 
@@ -82,7 +82,7 @@ def test_mutants_are_bounded_and_repeatable():
     seeds = [b"t,q1\n0,1\n", bytes(100), b""]
     some = [fuzz.mutated(seeds[k % 3], seeds, rng) for k in range(3000)]
     assert some == [fuzz.mutated(seeds[k % 3], seeds, again) for k in range(3000)]
-    assert len(set(some)) > 1000 and max(map(len, some)) <= fuzz.LONGEST
+    assert len(set(some)) > 1000 and max(map(len, some)) <= fuzz.LONGEST_INPUT
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda t: t.name)
@@ -100,7 +100,7 @@ def test_seeds_are_right(target, tmp_path):
 
 @pytest.mark.parametrize("path", SEEDS, ids=lambda p: p.stem)
 def test_what_was_once_found_is_refused_now(path, tmp_path):
-    assert fuzz.tried(BY_NAME[path.stem.split("-")[0]], path.read_bytes(), tmp_path) == ""
+    assert fuzz.tried_input(BY_NAME[path.stem.split("-")[0]], path.read_bytes(), tmp_path) == ""
 
 
 @pytest.mark.parametrize("name", [t.name for t in TARGETS if t.name not in SLOW])
@@ -111,7 +111,7 @@ def test_every_parser_refuses_mutants_in_its_own_words(name, tmp_path):
     @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
     @given(st.randoms(use_true_random=False), st.sampled_from(seeds))
     def check(rng, seed):
-        assert fuzz.tried(target, fuzz.mutated(seed, seeds, rng), tmp_path) == ""
+        assert fuzz.tried_input(target, fuzz.mutated(seed, seeds, rng), tmp_path) == ""
 
     check()
 
@@ -121,7 +121,9 @@ def test_any_text_is_refused_in_its_own_words(name, tmp_path):
     @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
     @given(st.text(max_size=200))
     def check(text):
-        assert fuzz.tried(BY_NAME[name], text.encode("utf-8", "surrogatepass"), tmp_path) == ""
+        assert (
+            fuzz.tried_input(BY_NAME[name], text.encode("utf-8", "surrogatepass"), tmp_path) == ""
+        )
 
     check()
 

@@ -14,7 +14,7 @@ def row(case, outcome, names=()):
 
 
 def test_every_number_of_the_file_is_varied():
-    known = command.numbers()
+    known = command.decision_numbers()
     assert known["LEVEL"] == constants.LEVEL and known["SWINGS"] == constants.SWINGS
     # what follows from another one is not varied by itself
     assert not {"SURE", "ADEQUATE", "NEAR_FLOOR", "WHOLE", "CONFIDENT"} & set(known)
@@ -35,7 +35,7 @@ def test_whole_numbers_stay_whole():
 
 def test_every_module_sees_it_and_gets_its_own_back():
     before = [engine.ADEQUATE, types.ADEQUATE, residual_tests.SURE, rules.LEVEL]
-    with pytest.raises(ZeroDivisionError), command.changed("TENTH", 2.0):
+    with pytest.raises(ZeroDivisionError), command.constant_changed("TENTH", 2.0):
         assert engine.ADEQUATE == types.ADEQUATE == constants.ADEQUATE == pytest.approx(1.2)
         assert residual_tests.TENTH == pytest.approx(0.2) and rules.LEVEL == before[3]
         raise ZeroDivisionError
@@ -43,7 +43,7 @@ def test_every_module_sees_it_and_gets_its_own_back():
 
 
 def test_a_number_that_is_none_is_refused():
-    with pytest.raises(ConfigError, match="LEVEL"), command.changed("LEVELZ", 2.0):
+    with pytest.raises(ConfigError, match="LEVEL"), command.constant_changed("LEVELZ", 2.0):
         pass
 
 
@@ -76,10 +76,10 @@ def test_table_counts_flips_by_number_and_factor():
 
 
 def test_the_small_plan_is_of_the_quick_one():
-    quick = [*cases.plan(True), *cases.mujoco_plan(True)]
+    quick = [*cases.rig_plan(True), *cases.mujoco_plan(True)]
     assert sorted(c.name for c in command.small(quick)) == sorted(command.SMALL)
     with pytest.raises(ConfigError, match="--quick"):
-        command.small(cases.nothing(range(3, 4)))
+        command.small(cases.nothing_hidden(range(3, 4)))
 
 
 def test_results_of_another_revision_are_refused(monkeypatch):

@@ -21,7 +21,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_slow_side_in_a_process_writes_the_whole_session(tmp_path):
     path = tmp_path / "s.mcap"
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
-    done = runner.run(config, 0.3, 1, "real", path, kind=SeparateProcessSession)
+    done = runner.run_session(config, 0.3, 1, "real", path, kind=SeparateProcessSession)
     box = read(path)
     assert not box.truncated and len(box.topics["/loop/timing"].times) == done.ticks
     assert done.figures["ticks"] == done.ticks
@@ -53,7 +53,9 @@ def test_a_process_that_dies_is_an_error_and_not_a_figure(tmp_path, monkeypatch)
     monkeypatch.setattr("hil.bench.loop.session.conclude", lambda *a: 1 / 0)
     config = load_rig(rig_path("teleop"), {"loop": {"realtime": False}})
     with pytest.raises(OSError, match="process of the slow side ended with status"):
-        runner.run(config, 0.05, 1, "real", tmp_path / "s.mcap", kind=SeparateProcessSession)
+        runner.run_session(
+            config, 0.05, 1, "real", tmp_path / "s.mcap", kind=SeparateProcessSession
+        )
 
 
 @pytest.mark.real_time
@@ -70,7 +72,7 @@ def test_the_rows_are_those_that_are_promised():
 def test_faster_loops_record_every_tick_and_are_reproduced(rate, rig, tmp_path):
     path = tmp_path / "s.mcap"
     config = load_rig(rig_path(rig), {"loop": {"rate_hz": float(rate)}})
-    done = runner.run(config, 0.5, 1, "lockstep", path)
+    done = runner.run_session(config, 0.5, 1, "lockstep", path)
     assert (done.ticks, done.state) == (rate // 2, "ENABLED")
     times = np.array(read(path).topics["/loop/timing"].times)
     assert set(np.diff(times).tolist()) == {10**9 // rate}
@@ -80,7 +82,7 @@ def test_faster_loops_record_every_tick_and_are_reproduced(rate, rig, tmp_path):
 
 def test_the_median_of_the_turns_is_published():
     turns = [loop.LoopRun("a", 100, m, 1.0 * m, 2.0, 3.0, 4.0, share=m) for m in (3, 1, 2)]
-    found = loop.median(turns)
+    found = loop.median_run(turns)
     assert (found.ticks, found.missed, found.p50, found.p99, found.share) == (100, 2, 2.0, 2.0, 2.0)
 
 
@@ -91,7 +93,7 @@ def test_like_for_like_is_said():
         for load in ("", ", under load")
         for k, name in enumerate((*names, "hil run, full recording"), 1)
     ]
-    said = loop.verdict(found).splitlines()
+    said = loop.loop_verdict(found).splitlines()
     assert len(said) == 2
     assert said[1].startswith("p99, under load: cyclictest 10 us; the loop 20 us where it sleeps")
     assert "(10 % of a core), 30 us where it spins" in said[1]

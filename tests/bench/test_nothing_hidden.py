@@ -18,8 +18,8 @@ FIRST, SECOND, AGAIN = NAMED
     "name", [FIRST, *(pytest.param(x, marks=pytest.mark.slow) for x in (SECOND, AGAIN))]
 )
 def test_nothing_is_named_where_nothing_is_hidden(name):
-    (case,) = (c for c in cases.plan() if c.name == name)
-    row = runner.judge(case)
+    (case,) = (c for c in cases.rig_plan() if c.name == name)
+    row = runner.judged_row(case)
     assert (row["outcome"], row["verdict"]) == ("right", "adequate"), row["named"]
 
 
@@ -27,6 +27,6 @@ def test_nothing_is_named_where_nothing_is_hidden(name):
 def test_a_small_load_at_the_tip_is_not_surely_an_offset():
     """What it does on one joint is an offset there, but it acts on others, too."""
     name = "payload@1x0.5/arm/white/strokes/0"
-    (case,) = (c for c in cases.plan() if c.name == name)
-    row = runner.judge(case)
+    (case,) = (c for c in cases.rig_plan() if c.name == name)
+    row = runner.judged_row(case)
     assert row["outcome"] in ("right", "ambiguous"), row["named"]

@@ -25,14 +25,14 @@ AXIS = RobotSource("single-axis")
 
 
 def test_person_finds_a_spring_and_nothing_in_a_complete_model():
-    found = least_squares_script.run(
+    found = least_squares_script.cross_validated(
         [plants.sprung_axis(1), plants.sprung_axis(2), plants.sprung_axis(3)],
         [plants.sprung_axis(4)],
         AXIS,
     )
     assert found.chosen[0][0] in ("poly3", "poly6")
     assert found.final[0] < 0.1 * found.given[0]
-    plain = least_squares_script.run(
+    plain = least_squares_script.cross_validated(
         [plants.sprung_axis(k, spring=0.0) for k in (1, 2, 3)],
         [plants.sprung_axis(4, spring=0.0)],
         AXIS,
@@ -44,7 +44,7 @@ def test_person_finds_a_spring_and_nothing_in_a_complete_model():
 def test_person_chooses_without_the_judged_runs():
     train = [plants.sprung_axis(1)]
     choices = {
-        least_squares_script.run(train, [plants.sprung_axis(k, spring=s)], AXIS).chosen
+        least_squares_script.cross_validated(train, [plants.sprung_axis(k, spring=s)], AXIS).chosen
         for k, s in ((4, 3), (5, -8))
     }
     assert len(choices) == 1
@@ -76,7 +76,7 @@ def test_person_on_recordings(name, monkeypatch):
     # and of accelerations by differences of two neighbours
     monkeypatch.setattr("hil.identify.bands._slopes", lambda x, fs: np.gradient(x, 1 / fs, axis=0))
     train, hold = datasets.load_set(name, "train"), datasets.load_set(name, "hold")
-    found = least_squares_script.run(train, hold, train[0].robot)
+    found = least_squares_script.cross_validated(train, hold, train[0].robot)
     given, final, joints = KNOWN[name]
     row = RealRow(name, "", False, list(train[0].joints), found.holds.tolist(), "", "", 0.0)
     assert row.whole(found.given.tolist()) == pytest.approx(given, abs=0.06)
@@ -89,7 +89,7 @@ def test_person_on_recordings(name, monkeypatch):
 @needs_data
 @pytest.mark.slow
 def test_a_case_end_to_end():
-    row = next(iter(real.run(real.cases(["a_spring"]))))
+    row = next(iter(real.examine_cases(real.cases(["a_spring"]))))
     assert isinstance(row.script, ScriptErrors)
     assert isinstance(row.ours, Ours)
     # the given spring is the same law on the same rows
@@ -109,7 +109,7 @@ def test_cases_are_one_of_a_name_and_of_every_set():
         real.cases(["ur11"])
 
 
-def two() -> real.Split:
+def two() -> real.SessionSplit:
     return [plants.sprung_axis(1)], [plants.sprung_axis(2)]
 
 
@@ -118,10 +118,10 @@ def test_an_error_of_ours_is_a_row(monkeypatch):
         raise ZeroDivisionError("no floor")
 
     monkeypatch.setattr(real, "ours", broken)
-    row = real.examine(RealCase("axis", "drive", two))
+    row = real.examine_case(RealCase("axis", "drive", two))
     assert isinstance(row.script, ScriptErrors)
     assert str(row.ours).startswith("ZeroDivisionError at test_real.py:")
-    assert real.FAILED in real.line(row)
+    assert real.INTERNAL_ERROR in real.case_line(row)
 
 
 def dies(case: RealCase) -> RealRow:
@@ -135,11 +135,11 @@ def lacks(case: RealCase) -> RealRow:
 @pytest.mark.slow
 def test_a_process_that_dies_is_a_row_and_missing_data_an_error():
     case = RealCase("axis", "drive", two)
-    (row,) = real.run([case], work=dies)
+    (row,) = real.examine_cases([case], work=dies)
     assert row.ours == row.script == "its process ended with status 7"
-    assert real.line(row)[0] == "axis"
+    assert real.case_line(row)[0] == "axis"
     with pytest.raises(DataError, match="get it from there"):
-        list(real.run([case], work=lacks))
+        list(real.examine_cases([case], work=lacks))
 
 
 def test_command_names_the_source_of_what_is_not_there(monkeypatch, capsys):
@@ -177,7 +177,7 @@ ROWS = (
 
 
 def test_table_of_results():
-    given, _, person_error, ours, blind, floor, far = real.line(ROWS[0])[1:8]
+    given, _, person_error, ours, blind, floor, far = real.case_line(ROWS[0])[1:8]
     assert (given, person_error, ours, blind, floor, far) == (
         "5.0",
         "2.2",
@@ -186,9 +186,9 @@ def test_table_of_results():
         "0.5",
         "0.89",
     )
-    assert real.line(ROWS[1])[4:6] == ["5.0", "2.0"]
-    assert real.line(ROWS[3])[7] == "1.03*"
-    assert real.line(ROWS[4])[3:5] == ["2.2", "-"]
+    assert real.case_line(ROWS[1])[4:6] == ["5.0", "2.0"]
+    assert real.case_line(ROWS[3])[7] == "1.03*"
+    assert real.case_line(ROWS[4])[3:5] == ["2.2", "-"]
     assert math.isnan(real.ratio(ROWS[4])) and math.isnan(real.blind_ratio(ROWS[4]))
     assert real.blindly_worse(ROWS[2]) and not real.blindly_worse(ROWS[1])
     (line,) = (x for x in real.aims(ROWS) if "without a look" in x)
@@ -213,7 +213,7 @@ def test_aims_count_what_fails():
 
 def test_data_are_json():
     dead = RealRow("dead", "arm", False, [], [], "gone", "gone", math.nan)
-    back = json.loads(json.dumps(real.data([*ROWS, dead]), allow_nan=False))
+    back = json.loads(json.dumps(real.json_rows([*ROWS, dead]), allow_nan=False))
     assert back[0]["ours"]["names"] == [["presliding on a", 0.9]]
     assert back[-1]["mebibytes"] is None
 
@@ -223,5 +223,5 @@ def test_page():
     assert "revision abc123" in text
     assert "crash: ValueError at here.py:1" in text
     tables = [x for x in text.splitlines() if x.startswith("|")]
-    widths = {len(real.HEAD), len(real.JOINT_HEAD), len(real.KIND_HEAD)}
+    widths = {len(real.REAL_HEAD), len(real.JOINT_HEAD), len(real.KIND_HEAD)}
     assert {x.count("|") - 1 for x in tables} == widths

@@ -22,7 +22,7 @@ def test_every_driver_and_box_has_a_row():
 
 @pytest.mark.real_time
 def test_a_session_in_real_time_says_what_its_ticks_took():
-    found = wire.session(seconds=0.3)
+    found = wire._tick_times(seconds=0.3)
     assert found.name == wire.SESSION
     assert 0 < found.median <= found.p99
 
@@ -41,7 +41,7 @@ def test_time_within_other_named_calls_is_theirs():
 
 
 def test_a_speed_is_that_of_a_whole_session():
-    found = wire.speed("sim", seconds=0.2)
+    found = wire.session_speed("sim", seconds=0.2)
     assert found.wall > 0
     assert found.cpu > 0
     assert found.backend == "sim"

@@ -29,7 +29,7 @@ def residuals(hidden, model, tmp_path):
     law |= rig_designs.models({"follower": str(tmp_path / "m.toml")}, config)
     own = ControllerConfig("lawrence", config.controller.arms, law)
     path = tmp_path / "s.mcap"
-    runner.run(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)
+    runner.run_session(dataclasses.replace(config, controller=own), 4.0, 2, "lockstep", path)
     at = Lawrence.state_names.index("follower_observed_x")
     observed = decode_numbers(read(path).topics["/controller/state"])[150:, at : at + 3]
     leader, follower = (load(path, arm).q[1500:] for arm in ("leader", "follower"))
@@ -44,7 +44,9 @@ def test_a_compensated_effect_is_felt_no_more(effect, tmp_path):
     """The simulator's law differs from the library's; what is left is that difference."""
     hidden = [{"effect": effect, "arm": "follower", "joint": "joint2", "amplitude": 2.0}]
     over = {"simulation": {"hidden": hidden}}
-    runner.run(load_rig(rig_path("identify"), over), 15.0, 1, "lockstep", tmp_path / "i.mcap")
+    runner.run_session(
+        load_rig(rig_path("identify"), over), 15.0, 1, "lockstep", tmp_path / "i.mcap"
+    )
     run = load(tmp_path / "i.mcap", "follower")
     base = base_model(run.robot, "follower")
     without = residuals(hidden, fit([run], base).model, tmp_path)

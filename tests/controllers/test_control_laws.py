@@ -83,7 +83,7 @@ def test_the_motion_stays_within_the_arm_and_repeats(seed):
     law = JointTracking(config, ARMS, 1e-3)
     t = np.linspace(0, config.period, 4001)
     for arm in range(2):
-        q = np.array(config.center) + joint_tracking.multisine(law._c[arm], t, config.period)
+        q = np.array(config.center) + joint_tracking.multisine_values(law._c[arm], t, config.period)
         speed = np.abs(np.gradient(q, t, axis=0)).max(0)
         fold = np.rad2deg(q[:, 1] - q[:, 2])
         assert fold.min() > -55
@@ -124,7 +124,7 @@ def test_geometry_there_and_back():
     for _ in range(50):
         pose = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 1), 0.0])
         pose[2] = pose[1] + rng.uniform(-0.9, 0.9)
-        dynamics.forward(pose, LENGTHS, p)
+        dynamics.forward_kinematics(pose, LENGTHS, p)
         if np.hypot(p[0], p[1]) < 0.02 or LENGTHS @ [np.cos(pose[1]), np.sin(pose[2])] < 0:
             continue
         dynamics.inverse(p, LENGTHS, q)
@@ -133,7 +133,7 @@ def test_geometry_there_and_back():
         for i in range(3):
             moved = pose.copy()
             moved[i] += 1e-6
-            dynamics.forward(moved, LENGTHS, ahead)
+            dynamics.forward_kinematics(moved, LENGTHS, ahead)
             np.testing.assert_allclose((ahead - p) / 1e-6, jacobian[:, i], atol=1e-6)
 
 

@@ -112,19 +112,19 @@ def test_the_follower_comes_to_the_leaders_place_whatever_was_lost(scheme):
         arms.step(end * min(n / 500, 1.0))
     tip = np.zeros((2, 3))
     for a in range(2):
-        dynamics.forward(arms.u[a], np.array(dynamics.LENGTHS), tip[a])
+        dynamics.forward_kinematics(arms.u[a], np.array(dynamics.LINK_LENGTHS), tip[a])
     assert np.linalg.norm(tip[1] - tip[0]) < 2e-3
 
 
 def test_the_model_learns_what_the_follower_presses_into():
     config = DelayedConfig("model", forward=ChannelConfig(0.1), backward=ChannelConfig(0.1))
     arms = Arms(Delayed(config, "lf", T))
-    lengths, start = np.array(dynamics.LENGTHS), np.zeros(3)
-    dynamics.forward(HOME, lengths, start)
+    lengths, start = np.array(dynamics.LINK_LENGTHS), np.zeros(3)
+    dynamics.forward_kinematics(HOME, lengths, start)
 
     def gel(u):
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        dynamics.forward(u, lengths, tip)
+        dynamics.forward_kinematics(u, lengths, tip)
         dynamics.jacobian(u, lengths, jacobian)
         u[6:9] = 0.0
         u[8] = 300.0 * max(start[2] - 0.004 - tip[2], 0.0)
@@ -162,8 +162,8 @@ def test_a_wall_pushes_along_its_normal_and_never_pulls():
     for n in range(200):
         arms.step(np.array([0.0, -8e-4 * n if n < 100 else -8e-4 * (200 - n), 0.0]))
         tip, jacobian = np.zeros(3), np.zeros((3, 3))
-        dynamics.forward(arms.u[0], np.array(dynamics.LENGTHS), tip)
-        dynamics.jacobian(arms.u[0], np.array(dynamics.LENGTHS), jacobian)
+        dynamics.forward_kinematics(arms.u[0], np.array(dynamics.LINK_LENGTHS), tip)
+        dynamics.jacobian(arms.u[0], np.array(dynamics.LINK_LENGTHS), jacobian)
         torque = arms.y[0] + law.config.leader_damping * arms.u[0, 3:6]
         heights.append((tip[2], np.linalg.solve(jacobian.T, torque)[2]))
     z, force = np.array(heights).T
@@ -207,9 +207,9 @@ def test_what_no_period_of_a_millisecond_can_render_is_refused(change, said):
 def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
     way = {"delay": 0.1, "jitter": 0.02, "loss": 0.1}
     law = {"scheme": scheme, "forward": way, "backward": way}
-    config = teleop.config_of("delayed", law, {"kind": "hand", "arm": "leader"}, 400.0)
+    config = teleop.rig_of_law("delayed", law, {"kind": "hand", "arm": "leader"}, 400.0)
     path = tmp_path / "s.mcap"
-    done = runner.run(config, 2.0, 1, "lockstep", path)
+    done = runner.run_session(config, 2.0, 1, "lockstep", path)
     assert done.state == "ENABLED"
     found = replay(path)
     assert (found.compared, found.differ) == (done.ticks, 0)
@@ -217,9 +217,13 @@ def test_a_hand_presses_into_a_gel_over_a_tenth_of_a_second(scheme, tmp_path):
 
 @pytest.mark.slow
 def test_model_mediated_feels_the_gel_that_is_there(tmp_path):
-    found = teleop.row(*teleop.LAWS[-1], teleop.Link(0.1), tmp_path, 1)
+    found = teleop.measured_row(
+        *teleop.COMPARED_LAWS[-1], teleop.CommunicationLink(0.1), tmp_path, 1
+    )
     assert found.share == pytest.approx(1.0, abs=0.1)
-    refused = teleop.row(*teleop.LAWS[0], teleop.Link(0.1), tmp_path, 1)
+    refused = teleop.measured_row(
+        *teleop.COMPARED_LAWS[0], teleop.CommunicationLink(0.1), tmp_path, 1
+    )
     assert refused.why == "refused: not stable"
 
 
@@ -229,7 +233,9 @@ def test_a_law_for_two_arms():
     config = load_rig("lawrence")
     law = ControllerConfig("delayed", config.controller.arms, {"scheme": "tank"})
     with pytest.raises(ConfigError, match="Did you mean 'tanks'"):
-        runner.run(dataclasses.replace(config, controller=law), 0.1, 0, "lockstep", "never.mcap")
+        runner.run_session(
+            dataclasses.replace(config, controller=law), 0.1, 0, "lockstep", "never.mcap"
+        )
 
 
 # --- virtual fixtures ------------------------------------------------------------------------
@@ -245,7 +251,7 @@ KINDS = {
 def pushed(fixture, x, v=(0.0, 0.0, 0.0)):
     force = np.zeros(3)
     where = np.asarray(x, float), np.asarray(v, float)
-    fixtures.push(fixtures.table([fixture]), *where, np.zeros(3), force)
+    fixtures.fixture_force(fixtures.fixture_records([fixture]), *where, np.zeros(3), force)
     return force
 
 
@@ -334,8 +340,8 @@ def test_waves_meet_a_gel_calmly_however_short_the_channel(delay, tmp_path):
     way = {"delay": delay, "jitter": 0.0, "loss": 0.0}
     machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.0, 0.0, 0.008], "onset": 1.0}
     law = {"scheme": "waves", "forward": way, "backward": way}
-    config = teleop.config_of("delayed", law, machine, 400.0)
-    assert runner.run(config, 1.5, 1, "lockstep", tmp_path / "s.mcap").state == "ENABLED"
+    config = teleop.rig_of_law("delayed", law, machine, 400.0)
+    assert runner.run_session(config, 1.5, 1, "lockstep", tmp_path / "s.mcap").state == "ENABLED"
 
 
 @pytest.mark.parametrize(
@@ -352,7 +358,7 @@ def test_a_stiff_drive_does_not_shake_in_contact(scheme, delay, seconds, tmp_pat
         load_rig("lawrence", over),
         controller=ControllerConfig("delayed", ("leader", "follower"), law),
     )
-    runner.run(config, seconds, 0, "lockstep", tmp_path / "s.mcap")
+    runner.run_session(config, seconds, 0, "lockstep", tmp_path / "s.mcap")
     for arm in ("leader", "follower"):
         found = load(tmp_path / "s.mcap", arm)
         assert np.abs(found.tau).max() < 0.75 and np.abs(found.qd).max() < 1.5

@@ -10,11 +10,11 @@ import pytest
 
 from hil.cli import main
 from hil.controllers.estimators import forces, network, transmission, wavelets
-from hil.controllers.estimators.transmission import NAMES, TransmissionConfig
+from hil.controllers.estimators.transmission import TRANSMISSION_COLUMNS, TransmissionConfig
 from hil.controllers.lawrence_config import PREMIUM
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
-from hil.estimate.elastic_ukf import RECORD, ElasticUkf, UkfConfig
+from hil.estimate.elastic_ukf import UKF_DTYPE, ElasticUkf, UkfConfig
 from hil.experiments import elastic_transmission
 from hil.record.container import read
 from hil.record.mcap_read import load
@@ -75,7 +75,7 @@ def rig(estimators, **simulation):
 def session(tmp_path_factory):
     """Ten seconds with all estimators: the hand moves freely and touches the gel."""
     path = tmp_path_factory.mktemp("estimators") / "s.mcap"
-    runner.run(rig(table(*KINDS)), 10.0, 2, "lockstep", path)
+    runner.run_session(rig(table(*KINDS)), 10.0, 2, "lockstep", path)
     return path
 
 
@@ -109,12 +109,12 @@ def test_the_forces_are_those_of_the_sensor(session):
 
 def test_the_filters_see_the_cables(session):
     values = decode_numbers(read(session).topics["/estimate/filters"])
-    found = dict(zip(NAMES, values[-1], strict=True))
+    found = dict(zip(TRANSMISSION_COLUMNS, values[-1], strict=True))
     # data sheet: 3.5 N/mm at 0.2 m is 140 N m/rad
     for j in (1, 2, 3):
         assert 90 < found[f"stiffness{j}"] < 260
     run = load(session, "follower")
-    names = NAMES
+    names = TRANSMISSION_COLUMNS
     cable = values[5000:, [names.index(f"cable{j}") for j in (1, 2, 3)]]
     assert np.corrcoef(cable[:, 0], run.tau[5000:, 0])[0, 1] > 0.8
 
@@ -123,13 +123,13 @@ def test_a_law_runs_on_an_estimate_instead_of_its_sensor(tmp_path):
     """The operator feels the gel through the observer; the law never sees the sensor."""
     fed = rig(table("network", replaces_force=True), gel={"below_home": -0.002})
     path = tmp_path / "s.mcap"
-    runner.run(fed, 5.0, 3, "lockstep", path)
+    runner.run_session(fed, 5.0, 3, "lockstep", path)
     leader, follower = load(path, "leader"), load(path, "follower")
     touch = follower.wrench[:, 2] > 0.1
     assert touch.sum() > 200
     assert np.corrcoef(leader.wrench[touch, 2], follower.wrench[touch, 2])[0, 1] < -0.3
     assert np.abs(np.diff(leader.qd[100:], axis=0)).max() < 0.6
-    at = estimators.law_of(open_law(fed)).state_names.index("follower_force_z")
+    at = estimators.bare_law(open_law(fed)).state_names.index("follower_force_z")
     box = read(path)
     law = decode_numbers(box.topics["/controller/state"])
     kept = np.array(box.topics["/controller/state"].sequence) - 1
@@ -149,12 +149,14 @@ def test_an_operator_commands_a_session_with_estimators(tmp_path):
     fed = rig(table("network", replaces_force=True), gel={"below_home": 1.0})
     orders = ((0.4, "set friction_share 0.5"), (0.8, "pause"), (0.9, "resume"), (1.4, "home"))
     path = tmp_path / "s.mcap"
-    summary = runner.run(fed, 2.0, 1, "lockstep", path, operator=runner.Operator(schedule=orders))
+    summary = runner.run_session(
+        fed, 2.0, 1, "lockstep", path, operator=runner.Operator(schedule=orders)
+    )
     assert summary.state == "ENABLED"
     again = replay(path)
     assert again.compared == 2000 and again.differ == 0
     values = decode_numbers(read(path).topics["/estimate/network"])
-    at = network.NAMES.index("nodes")
+    at = network.NETWORK_COLUMNS.index("nodes")
     assert np.isfinite(values).all() and set(np.unique(values[:, at - 1])) <= {0.0, 1.0}
     assert (
         values[798, at] >= 1.0 and values[902, at] >= values[798, at]
@@ -245,12 +247,12 @@ def test_estimators_keep_no_memory_in_the_hot_path(memory_growth):
 
 def test_predict_then_correct_is_the_filter_that_agrees_with_filterpy():
     plant = elastic_transmission.TwoMassPlant()
-    run = elastic_transmission.record(plant, 0.3, 1)
+    run = elastic_transmission.record_arm(plant, 0.3, 1)
     known = ElasticUkf(UkfConfig(), float(run.y[0]))
     other = ElasticUkf(UkfConfig(), float(run.y[0]))
     f = other._f
     elastic_ukf.correct(f["x"], f["p"], run.y[0], float(f["variance"]), f["gain"])
-    f = np.array([f], RECORD)[0]
+    f = np.array([f], UKF_DTYPE)[0]
     known.step(run.y[0], run.u[0], 1e-3)
     for k in range(1, 300):
         assert elastic_ukf.foresee(f, run.u[k - 1], 1e-3, 1)
@@ -262,16 +264,16 @@ def test_predict_then_correct_is_the_filter_that_agrees_with_filterpy():
 def taught(nodes, seconds=30):
     """Networks after some seconds of friction of two speeds, their error in the last four [N m]."""
     config = network.WaveletConfig(nodes=nodes, gain=0.5, zone=1e-4, soft=0.05, dwell=0.2)
-    c, m = config.record(1.0, 1e-3), np.zeros(wavelets.size(nodes))
+    c, m = config.record(1.0, 1e-3), np.zeros(wavelets.memory_size(nodes))
     wavelets.clear(m)
     psi, now, seen, errors = np.zeros(6 + nodes), np.zeros(3), np.zeros(3), []
     for v in ways(seconds * 1000):
         target = 0.01 * np.tanh(v / 0.05) + 0.006 * np.tanh((v + np.roll(v, 1)) / 0.3)
-        wavelets.predict(v, c, m, psi, now, seen)
+        wavelets.predict_network(v, c, m, psi, now, seen)
         errors.append(target - now)
-        wavelets.learn(target, seen, c, m)
+        wavelets.learn_weights(target, seen, c, m)
         if nodes:
-            wavelets.adapt(v, c, m)
+            wavelets.adapt_structure(v, c, m)
     return c, m, np.sqrt(np.mean(np.square(errors[-4000:])))
 
 
@@ -295,17 +297,17 @@ def test_the_networks_learn_what_coulomb_and_viscous_friction_cannot():
     goal = m.copy()
     nodes = [
         at + 7 + j
-        for at in range(wavelets.HEAD, m.size, wavelets.NODE)
+        for at in range(wavelets.HEAD_NUMBERS, m.size, wavelets.NODE)
         if m[at] != wavelets.NONE
         for j in range(3)
     ] + list(range(6))
     m[nodes] = 0.0
     distance = np.inf
     for v in ways(2000):
-        wavelets.predict(v, c, goal, psi, now, seen)
+        wavelets.predict_network(v, c, goal, psi, now, seen)
         target = seen.copy()
-        wavelets.predict(v, c, m, psi, now, seen)
-        wavelets.learn(target, seen, c, m)
+        wavelets.predict_network(v, c, m, psi, now, seen)
+        wavelets.learn_weights(target, seen, c, m)
         gap = float(np.sum((goal[nodes] - m[nodes]) ** 2))
         assert gap <= distance * (1 + 1e-9)
         distance = gap

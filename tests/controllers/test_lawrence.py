@@ -43,7 +43,7 @@ def config(**changes):
         "position-force",
         architecture.Wish(stiffness=200, damping=1.5, share=0.5, master_damping=0.3),
     )
-    return LawrenceConfig(**{**law_parameters.table([design]), **changes})
+    return LawrenceConfig(**{**law_parameters.law_table([design]), **changes})
 
 
 def at_home():
@@ -182,7 +182,7 @@ def test_inverse_dynamics_is_that_of_the_library():
     wanted = Premium(()).regressor(q, v, a) @ np.array(lawrence_config.PREMIUM)
     out = np.zeros(3)
     for k in range(200):
-        dynamics.inverse_dynamics(q[k], v[k], a[k], np.array(lawrence_config.PREMIUM), out)
+        dynamics.premium_inverse_dynamics(q[k], v[k], a[k], np.array(lawrence_config.PREMIUM), out)
         np.testing.assert_allclose(out, wanted[k], atol=1e-15)
     np.testing.assert_allclose(Premium.prior, lawrence_config.PREMIUM)
 
@@ -361,9 +361,9 @@ def test_the_command_refuses_to_write_a_bad_design(tmp_path, capsys):
 
 
 def session(tmp_path, over, seconds=3.0):
-    from hil.runtime.runner import run
+    from hil.runtime.runner import run_session
 
-    run(load_rig(RIGS / "lawrence.toml", over), seconds, 3, output=tmp_path / "s.mcap")
+    run_session(load_rig(RIGS / "lawrence.toml", over), seconds, 3, output=tmp_path / "s.mcap")
     return [load(tmp_path / "s.mcap", arm) for arm in ARMS]
 
 
@@ -406,7 +406,7 @@ def test_the_torque_of_the_loops_model_conserves_energy():
     rng, out, pi = np.random.default_rng(5), np.zeros(3), np.array(lawrence_config.PREMIUM)
     for _ in range(200):
         q, v, a = rng.uniform(-1, 1, (3, 3)) * [[1], [4], [30]]
-        dynamics.inverse_dynamics(q, v, a, pi, out)
+        dynamics.premium_inverse_dynamics(q, v, a, pi, out)
         h = 1e-6
         ahead, behind = (energy(q + s * v, v + s * a, pi) for s in (h, -h))
         assert v @ out == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)
@@ -457,13 +457,13 @@ def test_momentum_terms_of_the_loop_are_those_of_the_model():
     q, v = rng.uniform(-1, 1, (50, 3)), rng.uniform(-3, 3, (50, 3))
     m, rest = plants.premium_terms(pi, q, v)
     for k in range(50):
-        dynamics.momentum(q[k], v[k], pi, room[:2], p)
+        dynamics.premium_momentum(q[k], v[k], pi, room[:2], p)
         dynamics.push(q[k], v[k], pi, room, flow)
         np.testing.assert_allclose(p, m[k] @ v[k], atol=1e-12)
         np.testing.assert_allclose(flow, rest[k], atol=1e-7)
 
 
-@pytest.mark.parametrize("shape", lawrence_config.SHAPES)
+@pytest.mark.parametrize("shape", lawrence_config.MASS_SHAPES)
 def test_every_way_to_a_point_mass_runs_on_the_rig(shape, tmp_path):
     pull, back = [130.0, 0.8, 0.0], [-130.0, -0.8, 0.0]
     law = {
@@ -516,7 +516,7 @@ def test_forces_from_the_motion_are_the_force_sensor_free_form_of_linear_arms():
     }
     own = LawrenceConfig(**FOUR, **mass, forces="estimated")
     loops = law_parameters.loops_of(own)
-    free = law_parameters.table([loop.design for loop in loops])
+    free = law_parameters.law_table([loop.design for loop in loops])
     other = replace(
         own,
         forces="measured",
@@ -568,7 +568,7 @@ def fitted(tmp_path):
     from hil.experiments import transparency
     from hil.teleop import rig_designs
 
-    models = transparency.identified(tmp_path, 1)
+    models = transparency.identified_arms(tmp_path, 1)
     return rig_designs.models(models, load_rig(RIGS / "lawrence.toml"))
 
 
@@ -586,22 +586,25 @@ def test_forces_from_the_motion_are_refused_where_they_cannot_be():
 def four_channel(**changes):
     """Parameters of the rig with four channels, see `hil.bench.teleop`."""
     given = dict(load_rig("lawrence").controller.parameters)
-    return parse(LawrenceConfig, {**given, **teleop.FOUR, **changes}, "test")
+    return parse(LawrenceConfig, {**given, **teleop.FOUR_CHANNEL_PARAMETERS, **changes}, "test")
 
 
 def drag_on_the_rig(folder, law):
     """Force over speed of the leader in free space at 1 Hz [N s/m], as `hil bench teleop`."""
     machine = {"kind": "mechanical", "frequency": 1.0, "size": [0.0, 0.0, 0.008], "onset": 1.0}
-    config = teleop.config_of("lawrence", law, machine, None)
+    config = teleop.rig_of_law("lawrence", law, machine, None)
     path = folder / "s.mcap"
-    runner.run(config, teleop.SETTLE + teleop.PERIODS, 1, "lockstep", path).enabled()
-    return teleop.impedances(path)[0].real
+    runner.run_session(
+        config, teleop.SETTLING_S + teleop.MEASURED_PERIODS, 1, "lockstep", path
+    ).enabled()
+    return teleop.measured_impedances(path)[0].real
 
 
 @pytest.mark.slow
 def test_disturbance_observers_take_friction_away_that_no_model_holds(tmp_path):
     bare, observed = (
-        drag_on_the_rig(tmp_path, {**teleop.FOUR, **more}) for more in ({}, teleop.OBSERVED)
+        drag_on_the_rig(tmp_path, {**teleop.FOUR_CHANNEL_PARAMETERS, **more})
+        for more in ({}, teleop.OBSERVED)
     )
     assert bare > 1.5
     assert abs(observed) < 0.25 * bare

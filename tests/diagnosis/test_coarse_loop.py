@@ -4,7 +4,7 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis.artefacts import POSITION_NOISE, coarse
+from hil.diagnosis.artefacts import POSITION_NOISE, coarsely_encoded
 from hil.identify.problem import Problem
 
 
@@ -12,7 +12,7 @@ from hil.identify.problem import Problem
 @pytest.mark.parametrize("seed", plants.seeds(1, 2))
 def test_nothing_is_missing_behind_a_coarse_encoder(counts, seed):
     run, other = plants.counted_loop(seed, counts), plants.counted_loop(seed + 10, counts)
-    assert counts > 2000 or coarse(Problem([run], run.robot)).all()
+    assert counts > 2000 or coarsely_encoded(Problem([run], run.robot)).all()
     for held in ([], [other]):
         d = hil.diagnose([run], hil.base_model(run.robot), held)
         assert d.verdict == "adequate" and not d.findings, (d, d.warnings)
@@ -21,6 +21,6 @@ def test_nothing_is_missing_behind_a_coarse_encoder(counts, seed):
 
 def test_a_fine_encoder_is_not_coarse():
     run = plants.counted_loop(1, 100_000)
-    assert not coarse(Problem([run], run.robot)).any()
+    assert not coarsely_encoded(Problem([run], run.robot)).any()
     d = hil.diagnose([run], hil.base_model(run.robot))
     assert d.verdict == "adequate" and POSITION_NOISE not in [code for code, _ in d.warnings]

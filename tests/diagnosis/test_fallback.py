@@ -8,7 +8,7 @@ import plants
 import pytest
 
 import hil
-from hil.diagnosis.floor import told
+from hil.diagnosis.floor import function_sentences
 from hil.diagnosis.types import Explainable
 from hil.models import catalogue
 from hil.report.data import diagnosis_json
@@ -81,7 +81,7 @@ def test_one_line_a_joint_tells_the_shares():
         Explainable("a", "network: q,qd of a", 0.0, "", "place"),
         Explainable("b", "t", 0.0, "", "time"),
     ]
-    assert told(shares) == [
+    assert function_sentences(shares) == [
         "a: a function of speed could explain 90 %, of time 20 %",
         "b: functions of time explain none of it",
     ]

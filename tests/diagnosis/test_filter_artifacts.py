@@ -6,7 +6,7 @@ import plants
 import pytest
 
 import hil
-from hil.commands.diagnose import text, verdict
+from hil.commands.diagnose import text, verdict_sentence
 from hil.diagnosis import artefacts
 from hil.diagnosis.verbs import ladder
 from hil.diagnosis.verdict import of_noise
@@ -133,5 +133,5 @@ def test_what_is_left_at_reversals_is_no_missing_effect(monkeypatch):
         monkeypatch.setattr(artefacts, "blurred_parts", lambda *_, p=part: p * most)
         assert artefacts.at_reversals(d.explained, d.last, floor) is said
         assert not artefacts.at_reversals(d.explained, d.last, 4 * floor)
-        assert ("at reversals" in verdict(d)) is said
+        assert ("at reversals" in verdict_sentence(d)) is said
         assert ("at reversals" in report_text.headline(from_diagnosis(d))) is said

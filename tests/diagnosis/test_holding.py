@@ -24,7 +24,7 @@ def test_nothing_is_named_on_joints_that_hold_their_place(tmp_path, capsys):
     capsys.readouterr()
     over = {"controller": {"parameters": {"trajectory": str(place)}}}
     path = tmp_path / "one.mcap"
-    runner.run(load_rig(RIG, over), None, 1, "lockstep", path)
+    runner.run_session(load_rig(RIG, over), None, 1, "lockstep", path)
     run = load(path, "follower")
     found = diagnose([run], base_model(run.robot))
     assert found.ladder[0].result.problem.holds.tolist() == [False, True, True]

@@ -10,7 +10,7 @@ import hil
 from hil.diagnosis.verbs import rising, useless
 from hil.identify.multistep import MultiStep
 from hil.models.model import base_model
-from hil.report.data import Files, command
+from hil.report.data import Files, add_command
 
 
 def multi(power, diverged=0):
@@ -66,18 +66,20 @@ def test_suggested_commands_name_the_files():
     finding = SimpleNamespace(effect="stribeck", joint="joint2", confidence=1.0)
     found = SimpleNamespace(verdict="missing-effect", findings=[finding, finding], corrections=[])
     files = Files(("my runs/a.mcap", "b.mcap"), ("h.mcap",), "arm.toml", "follower")
-    first, second = command(found, files).splitlines()
+    first, second = add_command(found, files).splitlines()
     assert first == (
         "hil add stribeck --joint joint2 --model arm.toml --arm follower "
         "--session 'my runs/a.mcap' b.mcap --holdout h.mcap -o arm.plus1.toml"
     )
     assert "--model arm.plus1.toml" in second and "-o arm.plus2.toml" in second
     found.findings[1:] = [SimpleNamespace(**{**vars(finding), "confidence": 0.26})]
-    (alone,) = command(found, Files(("a.mcap",), (), "")).splitlines()  # what is not sure is none
+    (alone,) = add_command(
+        found, Files(("a.mcap",), (), "")
+    ).splitlines()  # what is not sure is none
     assert alone == "hil add stribeck --joint joint2 --session a.mcap -o a.plus1.toml"
     # what has no name is written by one command only
     found.corrections = [SimpleNamespace()]
-    assert command(found, files) == (
+    assert add_command(found, files) == (
         "hil improve 'my runs/a.mcap' b.mcap --arm follower --model arm.toml --holdout h.mcap "
         "-o arm.plus1.toml"
     )

@@ -7,7 +7,7 @@ import pytest
 
 from hil.bench import identify
 from hil.bench.diagnosis import runner
-from hil.bench.diagnosis.cases import Hidden, SessionCase
+from hil.bench.diagnosis.cases import HiddenEffect, SessionCase
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.grams import BlockErrors
 from hil.diagnosis.naming import _gains
@@ -19,7 +19,7 @@ from hil.models.effect import refused
 from hil.models.model import base_model
 
 
-def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
+def named(*hidden: HiddenEffect, noise: str, excitation: str, seed: int) -> dict[str, set[str]]:
     """Names with their rivals, for effects hidden in a session of the arm."""
     kind = "one" if len(hidden) == 1 else "two"
     train, other = runner.recordings(SessionCase(kind, "arm", hidden, noise, excitation, seed))
@@ -30,7 +30,7 @@ def named(*hidden: Hidden, noise: str, excitation: str, seed: int) -> dict[str, 
 @pytest.mark.slow
 def test_forms_that_only_a_later_effect_tells_alike_are_rivals():
     # beside a missing torque over position a lag fits better than the delay that it is
-    late, torque = Hidden("delay", 1, 5.0), Hidden("position-torque", 1, 5.0)
+    late, torque = HiddenEffect("delay", 1, 5.0), HiddenEffect("position-torque", 1, 5.0)
     found = named(late, torque, noise="white", excitation="strokes", seed=102)
     assert len(found) == 2 and "position-torque" in found
     assert any({"delay", "actuator-lag"} <= names for names in found.values())
@@ -38,14 +38,14 @@ def test_forms_that_only_a_later_effect_tells_alike_are_rivals():
 
 @pytest.mark.slow
 def test_a_later_effect_on_the_joint_may_change_the_name_of_the_first():
-    stop, slow = Hidden("end-stop", 2, 5.0), Hidden("stribeck", 2, 5.0)
+    stop, slow = HiddenEffect("end-stop", 2, 5.0), HiddenEffect("stribeck", 2, 5.0)
     found = named(stop, slow, noise="coloured", excitation="repeated", seed=100)
     assert set(found) == {"end-stop", "stribeck"}
 
 
 @pytest.mark.slow
 def test_a_scale_on_the_edge_is_a_name_where_next_to_nothing_is_left():
-    wobble = Hidden("encoder-eccentricity", 0, 5.0)
+    wobble = HiddenEffect("encoder-eccentricity", 0, 5.0)
     assert set(named(wobble, noise="white", excitation="repeated", seed=0)) == {wobble.effect}
 
 
@@ -59,7 +59,9 @@ def test_a_coefficient_on_its_bound_is_within_it_in_any_unit(bound: float) -> No
 
 @pytest.mark.slow
 def test_offsets_of_all_joints_are_the_base_models() -> None:
-    train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (
+        identify.simulate_run(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2)
+    )
     found = diagnose([train], base_model(train.robot), [other])
     assert found.verdict == "adequate"
     without = diagnose([train], base_model(train.robot) - "torque-offset", [other])
@@ -89,7 +91,9 @@ def test_a_law_that_contains_the_named_one_is_a_rival_if_it_foretells_more_by_wh
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.1, 1.25])
 def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float) -> None:
-    train, other = (identify.simulate(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2))
+    train, other = (
+        identify.simulate_run(15.0, seed, False).recording(f"run{seed}") for seed in (1, 2)
+    )
     for run in (train, other):
         # the last motor gives more than it is told to; the error is largest on the joint before it
         run.tau[:, 2] /= gain
@@ -103,7 +107,7 @@ def test_a_gain_of_one_joint_is_not_that_of_the_one_that_fails_most(gain: float)
 
 @pytest.mark.parametrize("effect", ["spring", "position-torque"])
 def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
-    train = identify.simulate(10.0, 1, False).recording("run")
+    train = identify.simulate_run(10.0, 1, False).recording("run")
     motion = Problem([train], train.robot).motions[0]
     one, more = catalogue.get(effect), 6 if effect == "position-torque" else 1
     flat, sure = [0.0005] * more, [1e-4] * more
@@ -118,5 +122,5 @@ def test_what_does_not_vary_over_the_range_is_an_offset(effect: str) -> None:
 @pytest.mark.slow
 def test_a_round_of_the_fit_that_a_bound_denies_is_taken_back() -> None:
     """Without the bounds a smaller exponent leaves less, beside a friction below zero."""
-    bend = Hidden("sublinear-viscous", 2, 5.0)
+    bend = HiddenEffect("sublinear-viscous", 2, 5.0)
     assert set(named(bend, noise="white", excitation="strokes", seed=2)) == {bend.effect}

@@ -8,7 +8,7 @@ import plants
 import pytest
 
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.preconditions import GRAVITY, OTHER_ROBOT, contradicted, other_robot
+from hil.diagnosis.preconditions import GRAVITY_WARNING, OTHER_ROBOT, contradicted, other_robot
 from hil.diagnosis.verbs import compare, fit
 from hil.models.model import base_model
 from hil.record.recording import RobotSource
@@ -62,7 +62,7 @@ def test_gravity_by_the_data_is_set_against_the_description() -> None:
     wrong = RobotSource("", plants.spatial_urdf((3.0, 1.6, 1.4 * 0.8)))
     assert contradicted(fit([run], base_model(run.robot))) == []
     ((code, told),) = contradicted(fit([run], base_model(wrong)))  # the same is said once
-    assert code == GRAVITY and told.startswith("gravity of upper, fore: ")
+    assert code == GRAVITY_WARNING and told.startswith("gravity of upper, fore: ")
     assert "Check the masses" in told
     left = contradicted(fit([run], base_model(wrong)), np.array([1.0, 1.1, 3.0]))
     assert "Check the masses" in left[0][1] and "Check the masses" not in left[1][1]
@@ -70,4 +70,4 @@ def test_gravity_by_the_data_is_set_against_the_description() -> None:
     ratio = float(re.search(r"give [0-9.]+, ([0-9.]+) times", told)[1])
     assert ratio == pytest.approx(1 / 1.4, abs=0.02)
     seen = compare([run], base_model(wrong), simulate=False)
-    assert GRAVITY in {f.code for f in seen.faults}
+    assert GRAVITY_WARNING in {f.code for f in seen.faults}

@@ -238,7 +238,7 @@ def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude
     pytest.importorskip("mujoco")
     from hil.sim_devices.mujoco_plants import session
     from hil.sim_devices.mujoco_plants.describe import load_mass
-    from hil.sim_devices.mujoco_plants.laws import Place
+    from hil.sim_devices.mujoco_plants.laws import EffectPlace
     from hil.sim_devices.mujoco_plants.robots import ROBOTS
 
     told, runs = session.robots()[robot], []
@@ -252,7 +252,7 @@ def test_a_mujoco_arm_under_control_with_a_mass_at_its_tip(robot: str, amplitude
     if not amplitude:
         assert answer.verdict == "adequate"
         return
-    mass = load_mass(Place(ROBOTS[robot], 0, amplitude, np.random.default_rng(0)))
+    mass = load_mass(EffectPlace(ROBOTS[robot], 0, amplitude, np.random.default_rng(0)))
     found = values(answer)
     assert found["joint"] == len(told["joints"])
     assert found["m"] == pytest.approx(mass, rel=0.02)

@@ -17,7 +17,7 @@ from hil.diagnosis.verbs import ladder
 def diagnosed(elbow: float):
     """A run whose elbow has a gain, and its answer in one thread; several tests look at it."""
     run = plants.planar(1, gain=(1.0, elbow))
-    with work.alone():
+    with work.on_one_thread():
         return run, hil.diagnose([run], hil.base_model(run.robot))
 
 

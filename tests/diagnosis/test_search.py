@@ -116,7 +116,9 @@ def test_the_weight_of_an_axis_without_a_description_is_no_spring():
 def test_what_replaces_friction_has_the_shape_that_does_most_in_its_place():
     """Beside Coulomb friction the best shape of presliding is another one, and worth nothing."""
     pytest.importorskip("mujoco")
-    case = next(c for c in cases.mujoco_plan(True, cases.SEEDS) if "presliding@1x1.5" in c.name)
+    case = next(
+        c for c in cases.mujoco_plan(True, cases.SEEDS_PER_CASE) if "presliding@1x1.5" in c.name
+    )
     train, holdout = runner.recordings(case)
     d = hil.diagnose(train, cases.suspected(case, train[0].robot), holdout)
     assert named(d) == ["presliding"]

@@ -12,7 +12,15 @@ from hil.commands.compare import text as compared
 from hil.commands.diagnose import text
 from hil.diagnosis import equivalence
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE, _ours, _Pair, still_differ
+from hil.diagnosis.heldout import (
+    BOTH,
+    DIFFER,
+    HELD_OUT_ADVICE,
+    RIG_STATE,
+    _ours,
+    _Pair,
+    still_differ,
+)
 from hil.diagnosis.residual_tests import FIT_APART
 from hil.diagnosis.types import Finding
 from hil.diagnosis.verbs import compare, ladder
@@ -144,9 +152,12 @@ def test_sessions_do_not_differ_on_joints_that_the_corrected_model_serves():
     served = replace(d, heldout_floor=10 * d.ladder[-1].heldout.rms)
     assert still_differ(served) == [w for w in d.warnings if w[0] != DIFFER]
     # what to do stands behind the last sentence that is left
-    bare = sentence.removesuffix(ADVICE).removesuffix(". ")
+    bare = sentence.removesuffix(HELD_OUT_ADVICE).removesuffix(". ")
     one, other = "joint1: it was another one", "joint1"
-    two = [Note(DIFFER, bare, "joint2", bare, STATE), Note(DIFFER, f"{one}. {ADVICE}", other, one)]
+    two = [
+        Note(DIFFER, bare, "joint2", bare, RIG_STATE),
+        Note(DIFFER, f"{one}. {HELD_OUT_ADVICE}", other, one),
+    ]
     assert still_differ(replace(d, warnings=two)) == [(DIFFER, sentence)]
 
 

@@ -22,7 +22,7 @@ from hil.models import catalogue
 from hil.models.model import base_model
 from hil.models.robots import undescribed
 from hil.record.recording import Recording, RobotSource
-from hil.report.data import Files, command, from_diagnosis
+from hil.report.data import Files, add_command, from_diagnosis
 from hil.report.text import DESCRIBE, details, headline, next_steps
 
 
@@ -181,7 +181,7 @@ def test_what_stands_for_the_geometry_is_said_first_and_written() -> None:
     assert "sines and cosines stand for the missing robot description on joint1" in " ".join(lines)
     m = from_diagnosis(d)
     assert "without a robot description" in details(m)[0]
-    assert command(m, Files(("s.mcap",), model="")) == "hil improve s.mcap -o s.plus1.toml"
+    assert add_command(m, Files(("s.mcap",), model="")) == "hil improve s.mcap -o s.plus1.toml"
     assert any(u.type.startswith("generic") for u in d.model.effects)
 
 

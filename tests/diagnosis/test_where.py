@@ -9,7 +9,7 @@ import pytest
 from hil.commands.compare import text
 from hil.diagnosis import residuals
 from hil.diagnosis.evidence import gather
-from hil.diagnosis.residuals import Region, lines, path, regions, since_reversal
+from hil.diagnosis.residuals import Region, motion_path, regions, since_reversal, spectral_lines
 from hil.diagnosis.verbs import compare, fit
 from hil.identify.problem import Problem
 from hil.identify.timing import fit_aligned
@@ -35,8 +35,8 @@ def test_since_reversal_in_time_and_distance() -> None:
     run = np.array([0, 0, 0, 0, 0, 0, 1, 1])
     assert since_reversal(v, 0.1, t, run).tolist() == [0, 1, 2, 3, 0, 1, 0, 1]
     q = np.array([0, 1, 2, 2, 1, 0, 5, 6.0])
-    assert path(q, run).tolist() == [0, 1, 2, 2, 3, 4, 4, 5]
-    assert since_reversal(v, 0.1, path(q, run), run).tolist() == [0, 1, 2, 2, 0, 1, 0, 1]
+    assert motion_path(q, run).tolist() == [0, 1, 2, 2, 3, 4, 4, 5]
+    assert since_reversal(v, 0.1, motion_path(q, run), run).tolist() == [0, 1, 2, 2, 0, 1, 0, 1]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_since_reversal_in_time_and_distance() -> None:
 def test_lines_are_found_where_they_were_put(shape, feature, low, high) -> None:  # type: ignore[no-untyped-def]
     run = plants.stiction_axis(1)
     result, floor = compared(disturbed(run, shape(run)))
-    found = {x.feature: x for x in lines(result, floor, 0)}
+    found = {x.feature: x for x in spectral_lines(result, floor, 0)}
     assert low < found[feature].high < high
     assert found[feature].text.startswith("joint1: ")
 

@@ -1,4 +1,7 @@
-"""How many files the house has, so that it cannot silently grow: lower a bound when one is met."""
+"""How many files and shared names the house has, so that neither can silently grow.
+
+Lower a bound when one is met.
+"""
 
 import ast
 import subprocess
@@ -25,6 +28,17 @@ ROOT = Path(__file__).parents[2]
 MODULES, ONE_IMPORTER, UNNAMED = 340, 25, 14
 #: Most modules (packages apart) that one diagnosis of a session loads.
 OF_A_DIAGNOSIS = 90
+#: What every command, study, benchmark, driver, law, file of effects or simulated session has, or
+#: may have, by one name: its table or its caller finds it so.
+ROLES = {
+    "main", "run", "configure", "command", "EXAMPLE", "text", "as_dict",
+    "study", "PAGE", "page", "report", "rows", "steps", "verdict", "HEAD",
+    "Config", "build", "law", "constants", "open_device",
+    "open_box", "attached", "BUS", "ADDRESS", "put", "BOXES",
+    "EFFECTS", "SCHEMA", "TARGET", "kinds", "simulate", "TYPE_CHECKING",
+}  # fmt: skip
+#: Most public functions and constants that share their name with another one.
+SHARED = 150
 _COUNT = """
 import sys
 from hil.cli import main
@@ -91,6 +105,41 @@ def test_the_house_does_not_grow_silently():
     assert named <= known.keys(), named - known.keys()
     unnamed = [name for name in one if name not in named]
     assert len(unnamed) <= UNNAMED, "\n".join(unnamed)
+
+
+def _public(tree: ast.Module) -> dict[str, tuple[type, str]]:
+    """Public names that a module defines at its top level: kind and definition."""
+    found = {}
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            found[node.name] = (type(node), ast.unparse(node))
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            value = ast.unparse(node.value) if node.value else ""
+            for target in targets:
+                names = target.elts if isinstance(target, ast.Tuple) else [target]
+                # of several at once each stands for something of its own
+                text = value if len(names) == 1 else f"{value} line {node.lineno}"
+                found |= {n.id: (ast.Assign, text) for n in names if isinstance(n, ast.Name)}
+    return {name: entry for name, entry in found.items() if name[:1] != "_"}
+
+
+def test_no_two_public_things_share_a_name():
+    """What only its own file uses begins with an underscore; the same alias twice is one thing."""
+    defined = defaultdict(list)
+    for path in _modules().values():
+        for name, entry in _public(ast.parse(path.read_text())).items():
+            defined[name].append((*entry, path.relative_to(ROOT).as_posix()))
+    shared = {
+        name: entries
+        for name, entries in defined.items()
+        if name not in ROLES and len({text for _, text, _ in entries}) > 1
+    }
+    places = {name: [path for _, _, path in entries] for name, entries in shared.items()}
+    assert len(defined) > 1000, "the names were not found"
+    classes = [n for n, entries in shared.items() if any(k is ast.ClassDef for k, _, _ in entries)]
+    assert not classes, {name: places[name] for name in classes}
+    assert len(shared) <= SHARED, "\n".join(f"{n}: {', '.join(p)}" for n, p in places.items())
 
 
 def test_what_a_table_loads_by_name_is_there():

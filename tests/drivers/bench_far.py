@@ -25,7 +25,7 @@ class BenchFar(FarEnd):
         p, x = self.bench.parameters[0], self.bench.state[0]
         x["q"], x["qm"], x["v"], x["vm"] = self.pose, self.pose, 0.0, 0.0
         x["force"] = self.force[:3]
-        world.sense(p, x, t_ns * 1e-9, np.zeros(NOISES), self.wire.counts, self.wire.gauges)
+        world.read_sensors(p, x, t_ns * 1e-9, np.zeros(NOISES), self.wire.counts, self.wire.gauges)
 
 
 class ArmFar(BenchFar):

@@ -14,7 +14,7 @@ from hil.signals.bus import Bus
 from hil.sim_devices.canbus.line import LINES, CanLine
 from hil.sim_devices.force.netcanoem import NetCanOemBoard
 from hil.sim_devices.force.netft import NetFtCanBox, RdtBox
-from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.force.transducer import SimulatedTransducer
 from hil.sim_devices.simtime import VirtualTime
 from hil.testing import FarEnd
 
@@ -39,7 +39,7 @@ class Rig:
 
 def quiet(model="nano17", **facts):
     """A transducer without imperfections, but for those that are given."""
-    sensor = Transducer(model, [1])
+    sensor = SimulatedTransducer(model, [1])
     sensor._response = np.linalg.inv(sensor.certificate.wrench_per_word())
     sensor._offset[:], sensor._thermal[:], sensor._facts[:] = 0.0, 0.0, 0.0
     return sensor

@@ -8,7 +8,7 @@ from hil.rig.boxes import BoxPlace, CanDrives
 from hil.rigs import rig_path
 from hil.signals.settable import ArmDescription
 from hil.sim_devices.bench import open_bench
-from hil.sim_devices.joints.bench import PARTS
+from hil.sim_devices.joints.bench import PARTS_PER_TICK
 from hil.testing import FarEnd
 
 URDF = rig_path("arm6").with_name("arm6.urdf").read_text()
@@ -46,12 +46,12 @@ class DrivesFar(FarEnd):
     def hold(self, random, span):
         """A part of the way to where the joints are to stand, evenly within the tick."""
         self.left = max(0, self.left - 1)
-        self.arm.x["q"] = self.pose - self.way * self.left / PARTS
-        self.arm.x["v"] = self.way / PARTS / span if self.moving else 0.0
+        self.arm.x["q"] = self.pose - self.way * self.left / PARTS_PER_TICK
+        self.arm.x["v"] = self.way / PARTS_PER_TICK / span if self.moving else 0.0
         self.moving = self.left > 0
 
     def place(self, position):
-        self.way, self.left, self.moving = position - self.pose, PARTS, True
+        self.way, self.left, self.moving = position - self.pose, PARTS_PER_TICK, True
         self.pose[:] = position
 
     def effort(self):

@@ -15,7 +15,7 @@ from hil.drivers.damiao_can import DamiaoBusConfig
 from hil.errors import ConfigError, DeviceError
 from hil.rig.boxes import BoxPlace, CanDrives
 from hil.signals.device import Status
-from hil.sim_devices.canbus.line import Frame
+from hil.sim_devices.canbus.line import CanFrame
 from hil.testing import Tolerance, check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -41,11 +41,11 @@ def test_conformance():
         (codec.effort_command(0), "7FFF7FF0000007FF"),
         (codec.special(codec.ENABLE), "FFFFFFFFFFFFFFFC"),
         (codec.special(codec.DISABLE), "FFFFFFFFFFFFFFFD"),
-        (codec.special(codec.CLEAR), "FFFFFFFFFFFFFFFB"),
+        (codec.special(codec.CLEAR_FAULT), "FFFFFFFFFFFFFFFB"),
         # its read_motor_param(1, CTRL_MODE), refresh_motor_status(1), switchControlMode(1, MIT)
-        (codec.read_register(1, codec.MODE), "0100330A00000000"),
+        (codec.read_register(1, codec.MODE_REGISTER), "0100330A00000000"),
         (codec.refresh(1), "0100CC0000000000"),
-        (codec.write_register(1, codec.MODE, 1), "0100550A01000000"),
+        (codec.write_register(1, codec.MODE_REGISTER, 1), "0100550A01000000"),
     ],
 )
 def test_frames_are_those_of_the_vendors_program(made, expected):
@@ -155,7 +155,7 @@ def test_drives_stop_by_themselves_when_the_host_dies():
 def test_two_answers_of_one_drive_are_one():
     far = DrivesFar()
     device, tick = enabled(far)
-    far.drives[0].outbox.append((far.now_ns, Frame(0x11, b"\x11" * 3)))
+    far.drives[0].outbox.append((far.now_ns, CanFrame(0x11, b"\x11" * 3)))
     tick()
     assert tick() is Status.OK
     device.close()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.drivers.ft_sensor import MODELS, FtSensor, FtSensorConfig
+from hil.drivers.ft_sensor import TRANSDUCERS, FtSensor, FtSensorConfig
 from hil.errors import ConfigError
 from hil.signals.device import Status
 from hil.sim_devices.bench import open_bench
@@ -20,7 +20,7 @@ def test_a_force_on_the_tip_comes_out_in_the_base_frame(model, tolerance):
     after = sensor.tare(0)
     assert after == 200_000_000
     bench.state["force"][0] = force
-    world.sense(
+    world.read_sensors(
         bench.parameters[0], bench.state[0], 0.2, np.zeros(NOISES), wire.counts, wire.gauges
     )
     wrench = np.zeros(6)
@@ -83,4 +83,4 @@ def test_each_axis_of_the_sensor_has_its_own_range(pose, model, load, status):
     wrench = np.zeros(6)
     assert sensor.measured_cf(0, np.array(pose), wrench) is status
     assert np.linalg.norm(wrench[:3]) == pytest.approx(np.linalg.norm(load[:3]), abs=0.05)
-    assert sensor.max_force == min(MODELS[model].ranges[:3])
+    assert sensor.max_force == min(TRANSDUCERS[model].ranges[:3])

@@ -19,10 +19,10 @@ from hil.record.container import read
 from hil.record.schema import read_fields
 from hil.rig.config import RecordConfig, load_rig
 from hil.rigs import rig_path
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session
 from hil.signals.bus import Bus
 from hil.signals.device import Status
-from hil.sim_devices.joints.haply import SimInverse, alone, main, serve
+from hil.sim_devices.joints.haply import SimInverse, main, serve_clients, single_device
 from hil.testing import Tolerance, check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -68,17 +68,21 @@ def test_conformance():
     ],
 )
 def test_commands_are_those_of_the_vendors_pages(space, version, values, expected):
-    made = json.loads(haply.command("049D", space, version) % values)
+    made = json.loads(haply.command_message("049D", space, version) % values)
     assert made == {"inverse3": [{"device_id": "049D", "commands": expected}]}
 
 
 def test_the_documented_inventory_is_read():
     (row,) = haply.devices(INVENTORY)
-    cursor, joints = haply.SPACES["cursor"], haply.SPACES["joints"]
-    assert haply.numbers(row, cursor.position, cursor.axes) == (0.07842738, -0.14836666, 0.14297646)
-    assert haply.numbers(row, joints.position, joints.axes) == (-69.31704, 137.62952, 19.832787)
+    cursor, joints = haply.COMMAND_SPACES["cursor"], haply.COMMAND_SPACES["joints"]
+    assert haply.numbers_of(row, cursor.position, cursor.axes) == (
+        0.07842738,
+        -0.14836666,
+        0.14297646,
+    )
+    assert haply.numbers_of(row, joints.position, joints.axes) == (-69.31704, 137.62952, 19.832787)
     assert haply.lacks(row) == "" and haply.scaled(row) == ""
-    assert haply.told(row["config"]) == (
+    assert haply.service_settings(row["config"]) == (
         " (gravity compensation on, torque scaling on, right-handed)"
     )
 
@@ -98,7 +102,7 @@ JSON = st.recursive(
 @given(st.binary(max_size=60) | JSON.map(lambda j: json.dumps(j).encode()))
 def test_no_message_breaks_the_codec(message):
     for row in haply.devices(message) or []:
-        found = haply.numbers(row, "cursor_position", ("x", "y", "z"))
+        found = haply.numbers_of(row, "cursor_position", ("x", "y", "z"))
         assert found is None or np.isfinite(found).all()
         assert isinstance(haply.lacks(row), str)
 
@@ -215,8 +219,8 @@ def test_joints_are_read_in_radians_and_driven_in_the_unit_that_is_given():
 def test_over_a_real_socket(monkeypatch, capsys):
     done = threading.Event()
     with socket.create_server(("localhost", 0)) as listener:
-        service, world = alone()
-        thread = threading.Thread(target=serve, args=(service, listener, world, done))
+        service, world = single_device()
+        thread = threading.Thread(target=serve_clients, args=(service, listener, world, done))
         thread.start()
         monkeypatch.setattr(haply, "PORT", listener.getsockname()[1])
         try:
@@ -250,9 +254,9 @@ def test_over_a_real_socket(monkeypatch, capsys):
 def test_a_session_with_frames_answers_for_the_service(tmp_path):
     config = load_rig(rig_path("inverse3"))
     first, again = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    run(replace(config, record=RecordConfig(frames=True)), 0.2, 0, output=first)
+    run_session(replace(config, record=RecordConfig(frames=True)), 0.2, 0, output=first)
     replayed = replace(config, backend="replay", record=RecordConfig(replay=str(first)))
-    run(replayed, 0.2, 0, output=again)
+    run_session(replayed, 0.2, 0, output=again)
     told = json.loads(read(first).metadata["box/inverse"]["settings"])
     assert told["gravity_compensation"] == {"enabled": True, "scaling_factor": 1.0}
     one, other = (read_fields(str(p), "/rig/raw")[1] for p in (first, again))

@@ -13,7 +13,7 @@ from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.bus import Bus
 from hil.signals.device import MeasuredCf, OperatingState, Status, Tareable
 from hil.sim_devices.force.netcanoem import NetCanOemBoard
-from hil.sim_devices.force.transducer import Transducer
+from hil.sim_devices.force.transducer import SimulatedTransducer
 from hil.testing import check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -64,7 +64,7 @@ def test_it_reads_what_the_board_holds(rig, sensor):
 
 @pytest.mark.parametrize("model", ["nano17", "nano25"])
 def test_a_wrench_comes_out_in_newtons_through_all_imperfections(model):
-    rig = Rig(NetCanOemBoard(Transducer(model, [3]), bit_rate=1_000_000))
+    rig = Rig(NetCanOemBoard(SimulatedTransducer(model, [3]), bit_rate=1_000_000))
     transducer = rig.line.nodes[0].transducer
     sensor = open_sensor("ft", rig.link(), CONFIG)
     t = sensor.tare(0)

@@ -13,7 +13,7 @@ from hil.drivers.netcanoem import codec
 from hil.drivers.netcanoem.driver import NetCanOem, NetCanOemConfig
 from hil.errors import DeviceError
 from hil.signals.device import Status
-from hil.sim_devices.canbus.line import Frame, Node
+from hil.sim_devices.canbus.line import CanFrame, Node
 
 sys.path.insert(0, str(Path(__file__).parent))
 from can_far import Rig, board
@@ -85,8 +85,8 @@ def observed_board():
 def test_the_board_answers_as_a_real_one(name):
     (ident, request), answers = OBSERVED[name]
     far = observed_board()
-    far.hear(Frame(ident, bytes.fromhex(request)), 10**9)
-    assert [f for _, f in far.outbox] == [Frame(i, bytes.fromhex(d)) for i, d in answers]
+    far.hear(CanFrame(ident, bytes.fromhex(request)), 10**9)
+    assert [f for _, f in far.outbox] == [CanFrame(i, bytes.fromhex(d)) for i, d in answers]
 
 
 def test_the_driver_reads_a_real_board():
@@ -126,7 +126,7 @@ class Hasty(Node):
         self.heard.append((frame.ident, len(frame.data)))
         if frame.ident == 0x7F0 and len(frame.data) == 8 and self.left:
             self.left -= 1
-            self.outbox.append((t_ns, Frame(0x7F0)))
+            self.outbox.append((t_ns, CanFrame(0x7F0)))
 
 
 def test_a_request_that_overtakes_the_second_half_harms_nothing():
@@ -179,8 +179,8 @@ def golden_board():
 def test_the_board_answers_by_the_document(name):
     (ident, request), answers = GOLDEN[name]
     far = golden_board()
-    far.hear(Frame(ident, bytes.fromhex(request)), 10**9)
-    assert [f for _, f in far.outbox] == [Frame(i, bytes.fromhex(d)) for i, d in answers]
+    far.hear(CanFrame(ident, bytes.fromhex(request)), 10**9)
+    assert [f for _, f in far.outbox] == [CanFrame(i, bytes.fromhex(d)) for i, d in answers]
 
 
 def test_the_driver_reads_by_the_document():
@@ -227,21 +227,21 @@ def test_the_driver_asks_by_the_document():
 )
 def test_what_the_document_does_not_define_stays_unanswered(ident, request_):
     far = board()
-    far.hear(Frame(ident, bytes.fromhex(request_)), 10**9)
+    far.hear(CanFrame(ident, bytes.fromhex(request_)), 10**9)
     assert not far.outbox
 
 
 def test_old_firmware_ignores_the_questions_that_came_later():
     far = board(firmware=(3, 6, 0))
     for ident, data in ((0x207, b""), (0x208, b""), (0x209, b"\x02")):
-        far.hear(Frame(ident, data), 10**9)
+        far.hear(CanFrame(ident, data), 10**9)
     assert not far.outbox
 
 
 def test_settings_come_into_force_at_power_up_alone():
     far = board()
     for ident, data in ((0x20D, b"\x21"), (0x20E, b"\x03")):
-        far.hear(Frame(ident, data), 10**9)
+        far.hear(CanFrame(ident, data), 10**9)
     assert (far.base, far.bit_rate) == (0x20, 1_000_000)
     far.power_cycle(2 * 10**9)
     assert (far.base, far.bit_rate) == (0x21, 500_000)
@@ -255,7 +255,7 @@ def test_settings_come_into_force_at_power_up_alone():
 def test_gauge_words_survive_the_way_through_two_codecs(words):
     far = board()
     far.faults.stuck = dict(enumerate(words))
-    far.hear(Frame(0x200), 10**9)
+    far.hear(CanFrame(0x200), 10**9)
     (_, first), (_, second) = far.outbox
     out = np.zeros(6, np.int64)
     codec.first_half(first.data, out)
@@ -270,7 +270,7 @@ def test_matrix_rows_survive_the_way_through_two_codecs(row, axis):
     matrix = np.zeros((6, 6))
     matrix[axis] = row
     far.slots[0] = dataclasses.replace(far.slots[0], matrix=matrix)
-    far.hear(Frame(0x202, bytes([axis])), 10**9)
+    far.hear(CanFrame(0x202, bytes([axis])), 10**9)
     read = [x for _, f in far.outbox for x in codec.matrix_pair(f.data)]
     assert read == row
 

@@ -14,7 +14,7 @@ from hil.drivers.netft_can import NetFtCanConfig
 from hil.drivers.netft_rdt import NetFtRdtConfig, open_box
 from hil.errors import ConfigError, DeviceError, DeviceTimeoutError
 from hil.signals.device import Status
-from hil.sim_devices.canbus.line import Frame
+from hil.sim_devices.canbus.line import CanFrame
 from hil.testing import check_driver
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -51,18 +51,18 @@ def test_the_can_frames_are_those_of_the_document():
     far.board.factors[:] = 1.0
     fixed(far.board, [1, -2, 3, 256, -32768, 32767])
     far.board.faults.status = 0x8001
-    far.board.hear(Frame(0x1B0, b"\x02"), 0)
+    far.board.hear(CanFrame(0x1B0, b"\x02"), 0)
     first, second = (f for _, f in far.board.outbox)
     # Fx Tx Fy Ty, then Fz Tz status sample; little-endian
-    assert first == Frame(0x1B5, bytes.fromhex("0100 0001 FEFF 0080"))
-    assert second == Frame(0x1B6, bytes.fromhex("0300 FF7F 0180 0100"))
+    assert first == CanFrame(0x1B5, bytes.fromhex("0100 0001 FEFF 0080"))
+    assert second == CanFrame(0x1B6, bytes.fromhex("0300 FF7F 0180 0100"))
     words = [0] * 6
     can_codec.first_frame(first.data, words)
     assert can_codec.second_frame(second.data, words) == (0x8001, 1)
     assert words == [1, -2, 3, 256, -32768, 32767]
     far.board.outbox.clear()
     for request in (b"", b"\x05", b"\x02\x00"):
-        far.board.hear(Frame(0x1B0, request), 0)
+        far.board.hear(CanFrame(0x1B0, request), 0)
     assert not far.board.outbox
 
 
@@ -92,7 +92,7 @@ def test_can_words_survive_two_codecs(values):
     far.board.factors[:] = 1.0
     fixed(far.board, values)
     far.board.outbox.clear()
-    far.board.hear(Frame(0x1B0, b"\x02"), 0)
+    far.board.hear(CanFrame(0x1B0, b"\x02"), 0)
     words = [0] * 6
     (_, first), (_, second) = far.board.outbox
     can_codec.first_frame(first.data, words)

@@ -203,7 +203,7 @@ def test_one_report_a_frame():
 
 @given(st.integers(-(2**40), 2**40), st.floats(0.9, 1.1), st.floats(-3000.0, 3000.0))
 def test_a_converter_value_never_wraps(code, slope, offset):
-    value = codec.converter(code, slope, offset)
+    value = codec.dac_code(code, slope, offset)
     assert 0 <= value <= 65_535
     ideal = slope * min(max(code + 32_768, 0), 65_535) + offset
     assert abs(value - min(max(ideal, 0.0), 65_535.0)) <= 0.5 + 1e-9
@@ -218,7 +218,7 @@ def test_a_report_holds_what_went_in(channel, value, when):
 
 def test_a_flash_without_calibration_is_refused():
     with pytest.raises(DeviceError, match="no calibration"):
-        codec.calibration(b"\xff" * 8, "box 'x', channel 0")
+        codec.decode_calibration(b"\xff" * 8, "box 'x', channel 0")
     world = World()
     world.box._flash = b"\x00" * 0x400
     with pytest.raises(DeviceError, match="slope 0, offset 0"):

@@ -14,10 +14,10 @@ from hil.drivers.usb_quad08.driver import (
     Quad08,
     Quad08Config,
     ScanClock,
-    arm,
-    configure,
+    configure_counter,
+    start_scan,
 )
-from hil.drivers.usb_quad08.link import UsbLink, find
+from hil.drivers.usb_quad08.link import UsbLink, find_devices
 from hil.errors import ConfigError, DeviceError
 from hil.signals.bus import Bus
 from hil.signals.device import Status
@@ -69,7 +69,7 @@ class World:
         return Quad08("quad", self.bus(), "", Quad08Config(**options), channels)
 
     def link(self):
-        return UsbLink("quad", find(self.usb, self.box.product, "")[0])
+        return UsbLink("quad", find_devices(self.usb, self.box.product, "")[0])
 
 
 # golden words
@@ -113,7 +113,7 @@ def transfers(world):
 def test_transfers_of_an_asynchronous_counter():
     world = World()
     link, seen = world.link(), transfers(world)
-    configure(link, 3, Quad08Config(), asynchronous=True)
+    configure_counter(link, 3, Quad08Config(), asynchronous=True)
     assert [(i, v) for _, _, v, i, _ in seen] == [
         (0x2E, 3),
         (0x2C, 0x8080),
@@ -220,8 +220,8 @@ def test_the_simulated_box_sends_the_words_of_the_notes():
     world.speed[:6] = [1e3, -1e3, 70_000_000, 0, 0, 0]
     link = world.link()
     for channel in range(6):
-        configure(link, channel, Quad08Config(), asynchronous=False)
-    arm(link, [int(w, 16) for w in SIX_32.split()], 47_999)
+        configure_counter(link, channel, Quad08Config(), asynchronous=False)
+    start_scan(link, [int(w, 16) for w in SIX_32.split()], 47_999)
     world.advance(world.now + 30 * MS)
     data = bytes(world.link().device.read(0x82, 512))
     rows = np.frombuffer(data[:480], "<u4").reshape(-1, 6)
@@ -466,7 +466,7 @@ def test_scan_clock_follows_a_clock_that_drifts():
 
 def test_what_pyusb_sees_of_a_bus():
     world = World()
-    device = find(world.usb, 0x00CA, "S1")[0]
+    device = find_devices(world.usb, 0x00CA, "S1")[0]
     texts = device.manufacturer, device.product, device.serial_number
     assert texts == ("MCC", "USB-QUAD08", "S1")
     assert device[0][(0, 0)][0].wMaxPacketSize == 512

@@ -75,7 +75,8 @@ def ride(n=3000):
     load = 0.2 * np.sin(3.1 * angle).sum(-1)
     return Motion(
         t=t, q=q, qd=qd, qdd=np.zeros((n, 3)), tau=load, tau_ext=np.zeros((n, 3)), load=load,
-        static=0.3 * load, v0=np.full(3, compensation_tables.SOFT), resolution=np.full(3, 1e-3),
+        static=0.3 * load, v0=np.full(3, compensation_tables.SIGN_SPEED),
+        resolution=np.full(3, 1e-3),
         span=np.reshape(SPAN, (3, 2)), contact=np.full((3, 2), np.nan), robot=Premium(()),
         temperature=np.full((n, 3), 20.0),
     )  # fmt: skip
@@ -154,7 +155,7 @@ def test_all_effects_of_a_fitted_model_go_into_the_loop():
     model = RobotModel(ROBOT, effects)
     np.testing.assert_allclose(compensation_tables.rigid_parameters(model), Premium.prior)
     motion = ride(500)
-    found = loop(compensation_tables.tables(compensation_tables.effects(model)), motion)
+    found = loop(compensation_tables.tables(compensation_tables.compensated_values(model)), motion)
     v = motion.qd
     np.testing.assert_allclose(
         found[:, 1], 0.01 * np.tanh(v[:, 1] / 0.02) + 0.002 * v[:, 1], atol=1e-4
@@ -165,13 +166,13 @@ def test_all_effects_of_a_fitted_model_go_into_the_loop():
 def test_refusals_say_what_is_missing():
     def said(match, *effects, **more):
         with pytest.raises(ConfigError, match=match):
-            compensation_tables.effects(RobotModel(ROBOT, (RIGID, *effects), **more))
+            compensation_tables.compensated_values(RobotModel(ROBOT, (RIGID, *effects), **more))
 
     smooth = {"t0": 0.1, **{f"c{k}": 0.01 for k in range(1, 7)}}
     said("relative to the range of positions", use("position-torque", 1, **smooth))
     ranges = tuple(Range(f"joint{j}", (-0.6, 0.7), (-1, 1), (-1, 1)) for j in (1, 2, 3))
     known = RobotModel(ROBOT, (RIGID, use("position-torque", 1, **smooth)), valid=ranges)
-    assert len(compensation_tables.effects(known)) == 7
+    assert len(compensation_tables.compensated_values(known)) == 7
     said("its fc on joint 2 are unknown", use("coulomb", 2, v0=0.02))
     said("unknown", Use("viscous"))
     rubs = use("load-friction", 1, mu=0.1, of=1.0, i=0.0)
@@ -212,11 +213,13 @@ def test_a_users_own_effect_is_compensated_as_any_other(tmp_path, monkeypatch):
     motion = ride(500)
     found = loop(
         compensation_tables.tables(
-            compensation_tables.effects(model), compensation_tables.span(model)
+            compensation_tables.compensated_values(model), compensation_tables.span(model)
         ),
         motion,
     )
-    wanted = 0.02 * (motion.q[:, 0] + 0.6) * np.tanh(motion.qd[:, 0] / compensation_tables.SOFT)
+    wanted = (
+        0.02 * (motion.q[:, 0] + 0.6) * np.tanh(motion.qd[:, 0] / compensation_tables.SIGN_SPEED)
+    )
     np.testing.assert_allclose(found[:, 0], wanted, atol=1e-4)
 
 

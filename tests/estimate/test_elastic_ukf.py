@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from hil.bench.costs import reference
+from hil.bench.costs import reference_cost
 from hil.errors import ConfigError
 from hil.estimate import elastic_ukf
 from hil.experiments import elastic_transmission
-from hil.experiments.elastic_transmission import PERIOD, TwoMassPlant, record
+from hil.experiments.elastic_transmission import PERIOD, TwoMassPlant, record_arm
 
 CONFIG = elastic_ukf.UkfConfig()
 
 
 def test_the_reference_is_filterpy():
-    assert isinstance(reference(CONFIG, 0.0), UnscentedKalmanFilter)
-    assert isinstance(reference(CONFIG, 0.0).points_fn, MerweScaledSigmaPoints)
+    assert isinstance(reference_cost(CONFIG, 0.0), UnscentedKalmanFilter)
+    assert isinstance(reference_cost(CONFIG, 0.0).points_fn, MerweScaledSigmaPoints)
 
 
 def test_the_compiled_filter_is_filterpys():
-    run = record(TwoMassPlant(), 0.6, 3)
-    mine, theirs = elastic_ukf.ElasticUkf(CONFIG), reference(CONFIG, 0.0)
+    run = record_arm(TwoMassPlant(), 0.6, 3)
+    mine, theirs = elastic_ukf.ElasticUkf(CONFIG), reference_cost(CONFIG, 0.0)
     for k in range(600):
         innovation = mine.step(run.y[k], run.u[k], PERIOD)
         theirs.update(run.y[k])
@@ -42,8 +42,8 @@ def test_approximations_are_as_good_as_said():
 
 def test_parameters_within_five_percent_in_25_seconds():
     """The plant has the filter's friction law only up to the shape of its sign."""
-    found, f = elastic_transmission.identify(TwoMassPlant())
-    ratio = found / elastic_transmission.truth(TwoMassPlant())
+    found, f = elastic_transmission.identify_transmission(TwoMassPlant())
+    ratio = found / elastic_transmission.true_parameters(TwoMassPlant())
     np.testing.assert_allclose(ratio[:2], 1, atol=0.05)
     # only the sums are well determined: the motor's and the link's correlate with -1
     assert found[2] + found[4] == pytest.approx(0.022, rel=0.05)
@@ -106,7 +106,7 @@ def test_a_record_that_the_kernel_cannot_take_is_refused(y, u, says):
 
 
 def test_a_sample_without_a_measurement_is_foretold():
-    run = record(TwoMassPlant(), 0.6, 3)
+    run = record_arm(TwoMassPlant(), 0.6, 3)
     whole, _ = elastic_ukf.ElasticUkf(CONFIG).run(run.y, run.u, PERIOD)
     holes = run.y.copy()
     holes[[100, 300, 301, 302]] = np.nan

@@ -41,7 +41,7 @@ def run():
 def test_the_momentum_observer_is_a_low_pass_of_the_external_torque(run):
     q, v, _, tau, ext = run
     m, rest = plants.premium_terms(PI, q, v)
-    found = external_torque.momentum(m, v, tau + rest, K, T)
+    found = external_torque.by_momentum_observer(m, v, tau + rest, K, T)
     wanted, r = np.zeros_like(ext), np.zeros(3)
     for k in range(len(ext)):
         # r' = K (tau_s - r)
@@ -59,24 +59,28 @@ def test_inverse_dynamics_with_true_accelerations_is_exact(run):
 
 def test_a_bad_gain_is_refused():
     with pytest.raises(ConfigError, match="positive"):
-        external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T)
+        external_torque.by_momentum_observer(
+            np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), 0.0, T
+        )
 
 
 @pytest.mark.parametrize("pair", [(np.nan, T), (K, np.nan), (K, 0.0), (np.inf, T)])
 def test_a_gain_or_period_that_is_no_number_is_refused(pair):
     with pytest.raises(ConfigError, match="positive"):
-        external_torque.momentum(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), *pair)
+        external_torque.by_momentum_observer(
+            np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 3)), *pair
+        )
 
 
 def test_arrays_that_do_not_agree_or_hold_no_number_are_refused():
     m, v = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
     for parts in ((m, v, v[:3]), (m, v, v[:, :2]), (m[:4], v, v)):
         with pytest.raises(ConfigError, match="expected"):
-            external_torque.momentum(*parts, K, T)
+            external_torque.by_momentum_observer(*parts, K, T)
     bad = v.copy()
     bad[2, 1] = np.nan
     with pytest.raises(ConfigError, match="sample 2 of 5"):
-        external_torque.momentum(m, v, bad, K, T)
+        external_torque.by_momentum_observer(m, v, bad, K, T)
 
 
 def test_the_model_finds_the_force_of_a_fitted_run():
@@ -104,11 +108,11 @@ def test_the_model_finds_the_force_of_a_fitted_run():
 
     free = record("free", tau)
     result = fit([free], base_model(free.robot))
-    times, found = external_torque.inverse_dynamics(result, record("touch", tau - ext))
+    times, found = external_torque.by_inverse_dynamics(result, record("touch", tau - ext))
     truth = np.interp(times, t, ext)
     assert np.corrcoef(found[:, 0], truth)[0, 1] > 0.95
     assert np.median(found[truth > 0.1, 0]) == pytest.approx(0.2, abs=0.02)
     assert np.median(found[truth < 0.1, 0]) == pytest.approx(0.0, abs=0.02)
     other = Recording("two", "arm", ("a",), t, q[:, None], tau[:, None])
     with pytest.raises(ConfigError, match="joints a"):
-        external_torque.inverse_dynamics(result, other)
+        external_torque.by_inverse_dynamics(result, other)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hil.errors import FitError
 from hil.experiments import friction_network
-from hil.experiments.friction_network import motion, rub
+from hil.experiments.friction_network import random_sines, rub
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -29,7 +29,7 @@ def test_the_dead_zone_law_never_raises_v(seed, gain, zone):
     for _ in range(60):
         x = rng.normal(size=(1, 6))
         tau = x @ true + rng.uniform(-zone, zone, 1)
-        friction_network.learn(x, tau, c, zone, gain, 1e-3)
+        friction_network.learn_online(x, tau, c, zone, gain, 1e-3)
         now = ((true - c) ** 2).sum()
         assert now <= v + 1e-12
         v = now
@@ -41,38 +41,38 @@ def test_without_a_dead_zone_noise_can_raise_v():
     true = rng.normal(size=6)
     c = true.copy()
     x = rng.normal(size=(50, 6))
-    friction_network.learn(x, x @ true + 0.1, c, 0.0, 0.6, 1e-3)
+    friction_network.learn_online(x, x @ true + 0.1, c, 0.0, 0.6, 1e-3)
     assert ((true - c) ** 2).sum() > 1e-4
 
 
 def test_structure_adaptation_does_not_jump_and_keeps_its_budget():
-    qd = motion(4.0, 1)
+    qd = random_sines(4.0, 1)
     tau = rub(qd)[:, 0]
-    net = friction_network.solve(friction_network.coarse(qd, 0), qd, tau)
-    grown = friction_network.adapt(net, qd, add=1e-3, remove=0.0, budget=80)
+    net = friction_network.ridge_weights(friction_network.coarse_network(qd, 0), qd, tau)
+    grown = friction_network.adapt_online(net, qd, add=1e-3, remove=0.0, budget=80)
     assert len(net.nodes) < len(grown.nodes) <= 80
     np.testing.assert_allclose(grown.predict(qd), net.predict(qd), atol=1e-12)
     assert grown.zone == net.zone
-    cut = friction_network.adapt(grown, qd, add=1.0, remove=0.5)
+    cut = friction_network.adapt_online(grown, qd, add=1.0, remove=0.5)
     assert {m for m, _ in cut.nodes} == {-1}
     assert cut.zone >= grown.zone
     with pytest.raises(FitError, match="below add"):
-        friction_network.adapt(net, qd, 0.1, 0.2)
+        friction_network.adapt_online(net, qd, 0.1, 0.2)
 
 
 def test_on_line_learning_approaches_the_batch_solution():
     """With the dead zone the error falls pass by pass; without it the last samples win."""
-    qd = motion(20.0, 1)
+    qd = random_sines(20.0, 1)
     tau = rub(qd)[:, 1]
-    batch = friction_network.relative(
-        friction_network.solve(friction_network.coarse(qd, 1), qd, tau), qd, tau
+    batch = friction_network.relative_error(
+        friction_network.ridge_weights(friction_network.coarse_network(qd, 1), qd, tau), qd, tau
     )
     last = {}
     for zone in (0.0, 0.005):
-        net, errors = friction_network.coarse(qd, 1, zone=zone), []
+        net, errors = friction_network.coarse_network(qd, 1, zone=zone), []
         for _ in range(4):
             net = friction_network.train(net, qd, tau)
-            errors.append(friction_network.relative(net, qd, tau))
+            errors.append(friction_network.relative_error(net, qd, tau))
         last[zone] = errors
     assert (np.diff(last[0.005]) < 0).all()
     assert batch <= last[0.005][-1] < 1.3 * batch
@@ -82,4 +82,4 @@ def test_on_line_learning_approaches_the_batch_solution():
 def test_no_data_no_network():
     net = friction_network.Network(np.ones(3))
     with pytest.raises(FitError, match="two samples"):
-        friction_network.solve(net, np.zeros((1, 3)), np.zeros(1))
+        friction_network.ridge_weights(net, np.zeros((1, 3)), np.zeros(1))

@@ -25,16 +25,16 @@ def hand_like(n=4000, seed=0, sines=12):
 
 def efforts(q, qd, qdd, u):
     """tau_s that belongs to motor commands u."""
-    return (manual_excitation.regressor(q, qd, qdd, u) @ TRUE).reshape(-1, 3)
+    return (manual_excitation.hand_regressor(q, qd, qdd, u) @ TRUE).reshape(-1, 3)
 
 
 def test_hand_and_motor_torque_determine_everything_motor_constants_included():
     q, qd, qdd, t = hand_like()
     u = 0.02 * np.sin(2 * np.pi * t[:, None] * [1.1, 1.7, 0.6] + [0, 1, 2])
     tau_s = efforts(q, qd, qdd, u) + 1e-3 * np.random.default_rng(1).normal(size=q.shape)
-    found = manual_excitation.identify(q, qd, qdd, u, tau_s)
+    found = manual_excitation.identify_with_rank(q, qd, qdd, u, tau_s)
     assert found.rank == 17 and not found.undetermined
-    for name, true in zip(manual_excitation.NAMES, TRUE, strict=True):
+    for name, true in zip(manual_excitation.PARAMETER_NAMES, TRUE, strict=True):
         assert abs(found.values[name] - true) < 4.5 * found.stderr[name]
     for j, true in zip((1, 2, 3), TRUE[14:], strict=True):
         assert found.values[f"j{j}.kappa"] == pytest.approx(true, rel=0.01)
@@ -43,18 +43,18 @@ def test_hand_and_motor_torque_determine_everything_motor_constants_included():
 def test_motors_alone_give_ratios_only():
     q, qd, qdd, _ = hand_like()
     u = efforts(q, qd, qdd, np.zeros_like(q)) / TRUE[14:]
-    found = manual_excitation.identify(q, qd, qdd, u, np.zeros_like(q))
+    found = manual_excitation.identify_with_rank(q, qd, qdd, u, np.zeros_like(q))
     assert found.rank == 16
     assert set(found.undetermined) >= {"pi1", "j1.kappa", "j2.fc"}
     assert "only ratios" in found.text
     # the direction that is lost is the truth itself
-    assert np.abs(manual_excitation.regressor(q, qd, qdd, u) @ TRUE).max() < 1e-12
+    assert np.abs(manual_excitation.hand_regressor(q, qd, qdd, u) @ TRUE).max() < 1e-12
 
 
 def test_a_hand_alone_says_nothing_of_the_motors():
     q, qd, qdd, _ = hand_like()
     u = np.zeros_like(q)
-    found = manual_excitation.identify(q, qd, qdd, u, efforts(q, qd, qdd, u))
+    found = manual_excitation.identify_with_rank(q, qd, qdd, u, efforts(q, qd, qdd, u))
     assert found.rank == 14
     assert found.undetermined == ("j1.kappa", "j2.kappa", "j3.kappa")
     assert np.isinf(found.stderr["j1.kappa"]) and np.isnan(found.values["j1.kappa"])
@@ -76,4 +76,4 @@ def test_a_hand_is_richer_than_a_sine():
 def test_standstill_is_refused():
     still = np.tile([0.0, 0.4, 0.3], (50, 1))
     with pytest.raises(FitError, match="does not move"):
-        manual_excitation.identify(still, 0 * still, 0 * still, 0 * still, 0 * still)
+        manual_excitation.identify_with_rank(still, 0 * still, 0 * still, 0 * still, 0 * still)

@@ -33,7 +33,7 @@ def test_a_separating_motion_is_planned_and_played(tmp_path, monkeypatch, capsys
     assert (
         main(["run", str(RIG), "--trajectory", "next.toml", "-o", "s.mcap", "--seconds", "6"]) == 0
     )
-    run, motion = load("s.mcap", "follower"), trajectory.read("next.toml")
+    run, motion = load("s.mcap", "follower"), trajectory.read_trajectory("next.toml")
     late = run.t > 1.5
     wanted, _, _ = sample(motion, run.t[late])
     assert np.abs(run.q[late] - wanted).max() < 0.03
@@ -56,7 +56,7 @@ def test_joints_hold_their_place_only_where_the_motion_leaves_them(motion, held,
     """A motion of all joints shows all of them, also where one joint was asked about."""
     words = ["--for", "cogging", "--joint", "joint1", "--motion", motion, "--seconds", "8"]
     assert main(["excite", str(RIG), *words, "-o", str(tmp_path / "m.toml")]) == 0
-    x = trajectory.read(tmp_path / "m.toml")
+    x = trajectory.read_trajectory(tmp_path / "m.toml")
     assert np.all(np.ptp(sample(x, np.linspace(0, x.period, 500))[0], axis=0) > 1e-3) is not held
     assert ("The other joints only hold their place" in capsys.readouterr().out) is held
 

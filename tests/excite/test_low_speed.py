@@ -29,7 +29,7 @@ def planned(folder, capsys, effect: str, motion: str = "", speed: float = 3.0) -
 
 def played(folder, vs: float, fs: float) -> Recording:
     """The axis on that motion: inertia, viscous, dry and Stribeck friction, and noise."""
-    x = trajectory.read(folder / "axis.toml")
+    x = trajectory.read_trajectory(folder / "axis.toml")
     t = np.arange(0, x.period, 1e-3)
     q, v, a = (s[:, 0] for s in sample(x, t))
     rng = np.random.default_rng(1)

@@ -27,7 +27,7 @@ def record(folder: Path, effect: str, joint: str, seed: int, parameters: dict, s
     row = {"effect": effect, "arm": "follower", "joint": joint}
     over = {"simulation": {"hidden": [row]}, "controller": {"parameters": parameters}}
     path = folder / f"{effect}-{seed}.mcap"
-    runner.run(load_rig(RIG, over), seconds, seed, "lockstep", path)
+    runner.run_session(load_rig(RIG, over), seconds, seed, "lockstep", path)
     return load(path, "follower")
 
 

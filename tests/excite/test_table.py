@@ -27,7 +27,7 @@ def motion(period=4.0):
 
 def test_a_table_begins_and_ends_at_rest_and_holds_the_motion_unchanged():
     x = motion()
-    p = trajectory.played(x, 9.0, RATE, np.full(2, 10.0))
+    p = trajectory.played_back(x, 9.0, RATE, np.full(2, 10.0))
     assert p.rounds == 2 and p.lead == 2.0
     assert p.t[-1] == pytest.approx(2 * 4.0 + 2 * 2.0)
     assert np.abs(sample(x, np.zeros(1))[1]).max() > 0.1  # in motion, had there been no lead-in
@@ -40,7 +40,7 @@ def test_a_table_begins_and_ends_at_rest_and_holds_the_motion_unchanged():
 
 
 def test_speed_and_acceleration_are_the_derivatives_of_position():
-    p = trajectory.played(motion(), 4.0, RATE, np.full(2, 10.0))
+    p = trajectory.played_back(motion(), 4.0, RATE, np.full(2, 10.0))
     rate = np.gradient(p.q, 1 / RATE, axis=0)[5:-5]
     np.testing.assert_allclose(p.qd[5:-5], rate, atol=2e-3)
     rate = np.gradient(p.qd, 1 / RATE, axis=0)[5:-5]
@@ -58,9 +58,9 @@ def test_the_lead_in_keeps_to_the_speed_limits():
         np.full(3, 0.05),
         np.zeros((1, 0, 2)),
     )
-    quick = trajectory.played(x, 4.0, RATE, np.full(1, 10.0))  # strokes at 1 rad/s
+    quick = trajectory.played_back(x, 4.0, RATE, np.full(1, 10.0))  # strokes at 1 rad/s
     assert quick.lead == 2.0 and np.abs(quick.qd).max() > 1.3
-    slow = trajectory.played(x, 4.0, RATE, np.full(1, 1.1))
+    slow = trajectory.played_back(x, 4.0, RATE, np.full(1, 1.1))
     assert slow.lead > quick.lead and np.abs(slow.qd).max() <= 1.1
 
 
@@ -89,7 +89,7 @@ def test_a_single_axis_gets_its_motion_from_a_session(session, capsys):
     assert rows.shape == (data["rows"], 4) and rows[-1, 0] == pytest.approx(data["seconds"])
     recorded = np.loadtxt("s.csv", delimiter=",", skiprows=1)[:, 1]
     assert recorded.min() <= rows[:, 1].min() and rows[:, 1].max() <= recorded.max()
-    wanted = sample(trajectory.read("m.toml"), rows[:, 0] - data["lead_in_s"])[0]
+    wanted = sample(trajectory.read_trajectory("m.toml"), rows[:, 0] - data["lead_in_s"])[0]
     middle = (rows[:, 0] > data["lead_in_s"]) & (rows[:, 0] < rows[-1, 0] - data["lead_in_s"])
     np.testing.assert_allclose(rows[middle, 1:2], wanted[middle], atol=1e-6)
 

@@ -10,8 +10,16 @@ from hypothesis import strategies as st
 from hil.errors import ConfigError
 from hil.excite import choose, question, trajectory
 from hil.excite.choose import decide, menu, survey
-from hil.excite.question import Stage, explore, fitted, stage_of
-from hil.excite.trajectory import HEADROOM, Trajectory, check, grid, margins, of_robot, sample
+from hil.excite.question import Stage, joint_space_room, stage_of, within_limits
+from hil.excite.trajectory import (
+    HEADROOM,
+    Trajectory,
+    check_fits_arm,
+    motion_margins,
+    of_robot,
+    period_times,
+    sample,
+)
 from hil.identify.bands import Rates
 from hil.identify.problem import Problem
 from hil.models.model import base_model
@@ -25,7 +33,7 @@ JOINTS = ("joint1", "joint2", "joint3")
 def premium():
     robot = bare_robot(PREMIUM, JOINTS)
     limits = of_robot(PREMIUM)
-    return robot, limits, explore(limits, robot)
+    return robot, limits, joint_space_room(limits, robot)
 
 
 def motion(seed: int) -> Trajectory:
@@ -48,7 +56,7 @@ def motion(seed: int) -> Trajectory:
 @given(st.integers(0, 10_000))
 def test_speed_and_acceleration_are_the_derivatives(seed):
     x = motion(seed)
-    t = grid(x, 2000.0)
+    t = period_times(x, 2000.0)
     q, qd, qdd = sample(x, t)
     np.testing.assert_allclose(np.gradient(q, t, axis=0)[2:-2], qd[2:-2], atol=3e-4)
     np.testing.assert_allclose(np.gradient(qd, t, axis=0)[2:-2], qdd[2:-2], atol=0.05)
@@ -61,8 +69,8 @@ def test_speed_and_acceleration_are_the_derivatives(seed):
 
 def test_a_file_comes_back(tmp_path):
     x = motion(1)
-    trajectory.write(x, tmp_path / "x.toml", "a note\nof two lines")
-    y = trajectory.read(tmp_path / "x.toml")
+    trajectory.write_trajectory(x, tmp_path / "x.toml", "a note\nof two lines")
+    y = trajectory.read_trajectory(tmp_path / "x.toml")
     assert (y.joints, y.units, y.name) == (x.joints, x.units, x.name)
     for name in ("times", "via", "blend", "series"):
         np.testing.assert_allclose(getattr(y, name), getattr(x, name), atol=1e-11)
@@ -90,7 +98,7 @@ def test_mistakes_in_a_file_are_named(tmp_path, old, new, says):
     assert old in text
     (tmp_path / "x.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(ConfigError, match=says.replace("[", r"\[")):
-        trajectory.read(tmp_path / "x.toml")
+        trajectory.read_trajectory(tmp_path / "x.toml")
 
 
 @pytest.mark.parametrize("name", choose.MENU)
@@ -98,9 +106,9 @@ def test_mistakes_in_a_file_are_named(tmp_path, old, new, says):
 def test_the_menu_keeps_to_the_limits(name, joint):
     robot, limits, space = premium()
     x = choose.MENU[name](space, joint, 30.0)
-    check(x, limits, robot, 1000.0)
-    assert not [m for m in margins(x, limits, robot) if m.broken]
-    _, _, qdd = sample(x, grid(x, 1000.0))
+    check_fits_arm(x, limits, robot, 1000.0)
+    assert not [m for m in motion_margins(x, limits, robot) if m.broken]
+    _, _, qdd = sample(x, period_times(x, 1000.0))
     assert np.abs(qdd).max() < 60.0
 
 
@@ -109,11 +117,11 @@ def test_what_does_not_fit_the_arm_is_refused():
     x = choose.fast_strokes(space, 0, 20.0)
     other = Trajectory(("a", "b", "c"), x.units, x.period, x.times, x.via, x.blend, x.series)
     with pytest.raises(ConfigError, match="moves a, b, c"):
-        check(other, limits, robot, 1000.0)
+        check_fits_arm(other, limits, robot, 1000.0)
     with pytest.raises(ConfigError, match="at 50 Hz"):
-        check(x, limits, robot, 50.0)
+        check_fits_arm(x, limits, robot, 50.0)
     with pytest.raises(ConfigError, match=r"position joint1|workspace"):
-        check(x.shrunk(2.0, limits.center), limits, robot, 1000.0)
+        check_fits_arm(x.shrunk(2.0, limits.center), limits, robot, 1000.0)
 
 
 def turning(span: float, seconds: float = 60.0):
@@ -186,7 +194,9 @@ def test_the_largest_size_that_keeps_the_torque_is_found(monkeypatch, rests_at, 
     monkeypatch.setattr(Stage, "foresee", lambda self, motion: motion)
     monkeypatch.setattr(question, "ready", lambda motion, question: motion)
     monkeypatch.setattr(question, "efforts", effort)
-    _, problem, _ = fitted(wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None)
+    _, problem, _ = within_limits(
+        wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None
+    )
     size = float(np.ptp(problem.via[:, 0]) / np.ptp(wanted.via[:, 0]))
     sizes = 0.9 ** np.arange(30)
     fits = sizes[rests_at + moves_with * sizes <= HEADROOM]
@@ -207,7 +217,9 @@ def test_a_motion_beside_the_middle_is_tried_at_every_size_between(monkeypatch):
     monkeypatch.setattr(question, "ready", lambda motion, question: motion)
     monkeypatch.setattr(question, "efforts", effort)
     monkeypatch.setattr(question, "_passes_middle", lambda motion, space: False)
-    _, problem, _ = fitted(wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None)
+    _, problem, _ = within_limits(
+        wanted, Stage(space, PREMIUM, Rates(60.0, 20.0), np.ones(3)), None
+    )
     sizes = 0.9 ** np.arange(30)
     found = float(np.ptp(problem.via[:, 0]) / np.ptp(wanted.via[:, 0]))
     assert found == pytest.approx(sizes[sizes < 0.5][0])

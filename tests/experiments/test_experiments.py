@@ -8,7 +8,7 @@ import pytest
 from hil.bench import costs
 from hil.cli import main
 from hil.experiments import manual_excitation
-from hil.experiments.elastic_transmission import record
+from hil.experiments.elastic_transmission import record_arm
 
 
 def test_elastic_ukf_as_json(capsys):
@@ -22,8 +22,8 @@ def test_elastic_ukf_as_json(capsys):
 @pytest.mark.slow
 def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
     # the 300 steps that are compared, and as many again to time
-    monkeypatch.setattr(costs, "record", lambda plant, _, seed: record(plant, 0.6, seed))
-    monkeypatch.setattr(costs, "measure", partial(costs.measure, steps=300))
+    monkeypatch.setattr(costs, "record", lambda plant, _, seed: record_arm(plant, 0.6, seed))
+    monkeypatch.setattr(costs, "measure_cost", partial(costs.measure_cost, steps=300))
     monkeypatch.setattr(costs, "_in_the_loop", partial(costs._in_the_loop, ticks=500))
     assert main(["bench", "ukf", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -54,7 +54,7 @@ def test_motor_constants_come_out_of_a_session_of_the_simulated_rig(short):
     assert all(r.found.rank == 17 for r in found)
     built, wrong = (r.found for r in found)
     for j in (1, 2, 3):
-        goal = manual_excitation.WRONG if j == 2 else 1.0
+        goal = manual_excitation.HIDDEN_RATIO if j == 2 else 1.0
         assert built.values[f"j{j}.kappa"] == pytest.approx(1.0, abs=0.025)
         assert wrong.values[f"j{j}.kappa"] == pytest.approx(goal, abs=0.025)
     # the force of another hand: the more wrong the constants, the more a hand is worth

@@ -7,7 +7,7 @@ from hil.experiments import friction_network
 
 @pytest.mark.slow
 def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
-    monkeypatch.setattr(friction_network, "motion", _short)
+    monkeypatch.setattr(friction_network, "random_sines", _short)
     rows = {r.model: r for r in friction_network.study(1)}
     plain, alone = rows["Coulomb + viscous"], rows["network alone, batch"]
     both = rows["network on Coulomb + viscous"]
@@ -16,7 +16,7 @@ def test_a_network_alone_extrapolates_worse_than_on_a_backbone(monkeypatch):
     assert max(both.validation) < min(alone.validation)
 
 
-_full = friction_network.motion
+_full = friction_network.random_sines
 
 
 def _short(seconds, seed, size=0.5):

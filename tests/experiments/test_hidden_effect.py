@@ -12,8 +12,8 @@ from hil.experiments import hidden_effect as study
 
 def row(effect, seed, diagnosed, named="stribeck@joint2"):
     newtons = {
-        m: dict.fromkeys(study.LAWS, x)
-        for m, x in zip(study.MODELS, (0.2, 0.1, diagnosed), strict=True)
+        m: dict.fromkeys(study.SENSOR_CASES, x)
+        for m, x in zip(study.MODEL_STAGES, (0.2, 0.1, diagnosed), strict=True)
     }
     joint = "joint2" if effect else ""
     right = named == f"{effect}@{joint}" or (named == "nothing" and not effect)
@@ -58,12 +58,12 @@ def test_the_figure_has_a_bar_for_every_model_of_every_effect():
 @pytest.mark.slow
 def test_one_effect_in_both_arms_is_found_added_and_felt_no_more(monkeypatch):
     monkeypatch.setattr(study, "IDENTIFIED_S", 10.0)
-    monkeypatch.setattr(study, "PERIODS", 2)
-    found = study.case("presliding", "joint2", 1)
+    monkeypatch.setattr(study, "SESSION_PERIODS", 2)
+    found = study.circle_of("presliding", "joint2", 1)
     assert found.right, found.named
     assert found.error[1] < 1.25 < 2.0 < found.error[0]
-    for law in study.LAWS:
-        built, fitted, diagnosed = (found.free[m][law] for m in study.MODELS)
+    for law in study.SENSOR_CASES:
+        built, fitted, diagnosed = (found.free[m][law] for m in study.MODEL_STAGES)
         assert diagnosed < 0.8 * fitted < 0.8 * built
         assert found.contact["diagnosed"][law] < found.contact["fitted"][law]
 

@@ -26,20 +26,20 @@ def test_a_held_shaft_bears_moments_at_its_tip_and_forces_along_it_alone():
 @pytest.mark.slow
 def test_friction_of_an_arm_is_found_from_a_motion_that_touches_nothing(tmp_path):
     rig = load_rig("surgical", {"simulation": {"truth_seed": 1}})
-    found = np.array(incision.fitted(rig, "follower", tmp_path, 1))
+    found = np.array(incision.fitted_friction(rig, "follower", tmp_path, 1))
     fed = np.array(rig.controller.parameters["follower_friction"])
     assert np.all(found > fed) and np.all(found < 3.0 * fed)
 
 
-@pytest.mark.parametrize("form", [*incision.FORMS])
+@pytest.mark.parametrize("form", [*incision.LAW_FORMS])
 def test_every_form_passes_the_check_before_the_start(form):
     """With the stiffness of the rig file only the one that holds the shaft does."""
-    gains = dict(incision.FORMS[form])
+    gains = dict(incision.LAW_FORMS[form])
     built = build_controller(load_rig("surgical", {"controller": {"parameters": gains}}))
     assert isinstance(built, CartesianCoupling)
     of_the_rig = {k: v for k, v in gains.items() if k not in ("stiffness", "damping")}
     stiff = load_rig("surgical", {"controller": {"parameters": of_the_rig}})
-    if form == incision.HELD:
+    if form == incision.HELD_FORM:
         assert isinstance(build_controller(stiff), CartesianCoupling)
     else:
         with pytest.raises(ConfigError):
@@ -47,13 +47,13 @@ def test_every_form_passes_the_check_before_the_start(form):
 
 
 def test_the_page_is_made_of_the_runs():
-    names = [*incision.FORMS]
-    names += [f + more for more in (incision.SOFT, incision.FITTED) for f in names[1:]]
-    names.append(incision.HELD + incision.STIFF)
+    names = [*incision.LAW_FORMS]
+    names += [f + more for more in (incision.HALF_STIFF, incision.FITTED) for f in names[1:]]
+    names.append(incision.HELD_FORM + incision.STIFF)
     one = {"off": 1e-3, "wall": 1.0, "tip": 2e-3, "turn": 1e-2, "felt": 3.0, "foreseen": 1e-3}
     data = {"rows": [{"name": n, **one} for n in names]}
     found = means(incision.PAGE, [data, data])
-    assert [s.mean for s in found[incision.HELD]][:3] == [1.0, 1.0, 2.0]
+    assert [s.mean for s in found[incision.HELD_FORM]][:3] == [1.0, 1.0, 2.0]
     said = incision.PAGE.read(found)
     assert any("1.0 times the 2.00 mm" in line for line in said)
     assert any("something else adds to it" in line for line in said)  # twice what is foreseen

@@ -19,16 +19,18 @@ from hil.teleop import force_sensor_free, law_parameters, rig_designs
 @pytest.mark.slow
 def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
     """Four channels, the same without sensors, and the benchmark; one trial each."""
-    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)
-    four = without_force_sensors.designs(axes)
-    kind, wish = palpation.NAMED[palpation.MEASURE]
+    given, axes = transparency.arm_parameters(
+        transparency.identified_arms(tmp_path, 1), without_force_sensors.LAW
+    )
+    four = without_force_sensors.four_channel_designs(axes)
+    kind, wish = palpation.NAMED_DESIGNS[palpation.MEASURE_DESIGN]
     controllers = {
         "four": four,
         "free": [force_sensor_free.transform(d) for d in four],
-        "measure": rig_designs.designs(kind, wish, axes),
+        "measure": rig_designs.axis_designs(kind, wish, axes),
     }
     rows = {
-        n: palpation.palpate(n, d, given | law_parameters.table(d), tmp_path, 1, 1)
+        n: palpation.palpate(n, d, given | law_parameters.law_table(d), tmp_path, 1, 1)
         for n, d in controllers.items()
     }
     for row in rows.values():
@@ -39,8 +41,10 @@ def test_a_bolt_in_the_gel_is_felt_as_much_as_predicted(tmp_path):
 
 @pytest.mark.slow
 def test_strokes_across_a_bolt_in_the_gel_are_felt(tmp_path):
-    given, axes = transparency.arms(transparency.identified(tmp_path, 1), without_force_sensors.LAW)
-    law = given | law_parameters.table(without_force_sensors.designs(axes))
+    given, axes = transparency.arm_parameters(
+        transparency.identified_arms(tmp_path, 1), without_force_sensors.LAW
+    )
+    law = given | law_parameters.law_table(without_force_sensors.four_channel_designs(axes))
     (gel, bolt), (there, under) = palpation.stroked(law, tmp_path, 1)
     # 20 mm of gel over 8 mm of cover: up to 2.5 times as stiff, blurred over the tip's way
     assert 1.3 < under / there < 2.5
@@ -50,8 +54,8 @@ def test_strokes_across_a_bolt_in_the_gel_are_felt(tmp_path):
 
 
 def test_differences_are_those_asked_beforehand_after_holm():
-    names = (palpation.MEASURE, "a", "a" + palpation.FREE_FORM)
-    size = {palpation.MEASURE: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}
+    names = (palpation.MEASURE_DESIGN, "a", "a" + palpation.FREE_FORM)
+    size = {palpation.MEASURE_DESIGN: 0.1, "a": 0.2, "a" + palpation.FREE_FORM: 0.2}
     rows = [
         palpation.PalpationRow(
             n,
@@ -61,16 +65,16 @@ def test_differences_are_those_asked_beforehand_after_holm():
         )
         for i, n in enumerate(names)
     ]
-    p = palpation.differences(rows)
+    p = palpation.planned_comparisons(rows)
     assert len(p) == 3
     # complete separation of six and six: 2 / 924, times three
-    assert p[f"a / {palpation.MEASURE}"] == pytest.approx(3 * 2 / 924)
+    assert p[f"a / {palpation.MEASURE_DESIGN}"] == pytest.approx(3 * 2 / 924)
     assert p["a / a" + palpation.FREE_FORM] > 0.3
 
 
 #: Sensitivity of controllers that a study could have found.
 FREE = palpation.FOUR + palpation.FREE_FORM
-SIZE = {palpation.MEASURE: 0.1, palpation.FOUR: 0.25, FREE: 0.25, palpation.BARE: 0.24}
+SIZE = {palpation.MEASURE_DESIGN: 0.1, palpation.FOUR: 0.25, FREE: 0.25, palpation.BARE: 0.24}
 
 
 def found_by(name, seed, quick=False):
@@ -88,7 +92,7 @@ def test_the_page_has_the_mann_whitney_test_of_the_thesis(tmp_path, capsys, monk
     monkeypatch.setattr(experiment, "data_of", found_by)
     page = replace(
         palpation.PAGE,
-        rows=lambda data: rows(data) | {so: rows(data)[palpation.MEASURE]},
+        rows=lambda data: rows(data) | {so: rows(data)[palpation.MEASURE_DESIGN]},
         read=lambda found: [],
     )
     monkeypatch.setattr(palpation, "PAGE", page)
@@ -101,7 +105,7 @@ def test_the_page_has_the_mann_whitney_test_of_the_thesis(tmp_path, capsys, monk
         for r in found_by("", seed)["rows"]:
             sigma[r["controller"]].append(np.mean(r["measured"]))
     pairs = [(palpation.FOUR, FREE), (palpation.FOUR, palpation.BARE)]
-    for a, b in [*pairs, (FREE, palpation.MEASURE)]:
+    for a, b in [*pairs, (FREE, palpation.MEASURE_DESIGN)]:
         right = stats.mannwhitneyu(sigma[a], sigma[b], method="exact")
         (line,) = (x for x in told.splitlines() if x.startswith(f"| {a} / {b} |"))
         cells = [x.strip() for x in line.strip("|").split("|")]
@@ -122,7 +126,7 @@ def test_the_page_has_the_mann_whitney_test_of_the_thesis(tmp_path, capsys, monk
 def test_a_shift_is_that_of_hodges_and_lehmann_and_its_interval_is_the_tests():
     rng = np.random.default_rng(3)
     a, b = rng.normal(size=10), rng.normal(0.8, 1.0, 10)
-    t = next(t for t in palpation.compared({"a": a, palpation.MEASURE: b}))
+    t = next(t for t in palpation.compared({"a": a, palpation.MEASURE_DESIGN: b}))
     assert t.shift == pytest.approx(np.median(np.subtract.outer(b, a)))
     assert t.low < t.shift < t.high
     # of the ordered differences, those from the 24th on: the critical value of ten and ten is 23
@@ -141,10 +145,12 @@ def test_few_seeds_are_said_to_tell_nothing():
 
 def test_forces_are_told_without_friction_where_the_name_says_so(monkeypatch):
     laws = {}
-    monkeypatch.setattr(transparency, "identified", lambda folder, seed: {})
-    monkeypatch.setattr(transparency, "arms", lambda models, law: ({"friction_share": 1.0}, None))
+    monkeypatch.setattr(transparency, "identified_arms", lambda folder, seed: {})
+    monkeypatch.setattr(
+        transparency, "arm_parameters", lambda models, law: ({"friction_share": 1.0}, None)
+    )
     monkeypatch.setattr(palpation, "controllers", lambda given, axes: {n: [] for n in SIZE})
-    monkeypatch.setattr(law_parameters, "table", lambda designs: {})
+    monkeypatch.setattr(law_parameters, "law_table", lambda designs: {})
 
     def pressed(name, designs, law, folder, seed, trials):
         laws[name] = law["friction_share"]
@@ -157,7 +163,13 @@ def test_forces_are_told_without_friction_where_the_name_says_so(monkeypatch):
 
 
 def test_what_strays_without_a_friction_model_is_no_error_of_the_theory():
-    names = ["sensitivity-optimised (SO)", palpation.FOUR, FREE, palpation.BARE, palpation.MEASURE]
+    names = [
+        "sensitivity-optimised (SO)",
+        palpation.FOUR,
+        FREE,
+        palpation.BARE,
+        palpation.MEASURE_DESIGN,
+    ]
     means = {n: [SeedMean(x, 0.0) for x in (0.2, 0.2, 0.1, 0.42, 0.4)] for n in names}
     means[palpation.BARE][3] = SeedMean(0.18, 0.0)
     said = " ".join(palpation.PAGE.read(means))

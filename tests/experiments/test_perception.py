@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hil.experiments import perception
-from hil.experiments.perception import FREE, MEASURE, PEN, SO, Felt
+from hil.experiments.perception import MEASURE, PEN, SO, WITHOUT_SENSORS, Felt
 
 
 def test_the_share_that_is_found_is_that_of_signal_detection(monkeypatch):
@@ -31,19 +31,21 @@ def test_both_tests_keep_their_level():
     assert level == pytest.approx(0.05, abs=0.02)
     grid = np.linspace(0.2, 0.6, 2000)
     shares = perception.found_share(grid / 0.19)
-    other = Felt(float(np.interp(shares[0] + perception.MARGIN, shares, grid)), 0.02)
+    other = Felt(float(np.interp(shares[0] + perception.EQUALITY_MARGIN, shares, grid)), 0.02)
     called = perception.power(other, Felt(0.2, 0.02), perception._equal, 40, 40, 1)
     assert called < 0.08
 
 
 def test_a_small_test_cannot_decide_and_the_named_size_does():
-    felt = {SO: Felt(0.14, 0.002), FREE: Felt(0.14, 0.002), MEASURE: Felt(0.09, 0.004)}
+    felt = {SO: Felt(0.14, 0.002), WITHOUT_SENSORS: Felt(0.14, 0.002), MEASURE: Felt(0.09, 0.004)}
     felt[PEN] = Felt(0.25, 0.001)
     rows = {r.controller: r for r in perception.tests({"bolt": felt}, 3)}
     assert rows[SO].power < 0.3 < rows[PEN].power
     assert rows[perception.EQUAL].power < 0.05
     n = round(rows[SO].subjects)
-    again = perception.power(felt[SO], felt[MEASURE], perception._differs, n, perception.MANY, 9)
+    again = perception.power(
+        felt[SO], felt[MEASURE], perception._differs, n, perception.MANY_TRIALS, 9
+    )
     assert again == pytest.approx(0.8, abs=0.06)
     assert np.isnan(rows[MEASURE].power)
     assert rows[PEN].subjects < rows[SO].subjects

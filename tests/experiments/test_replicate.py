@@ -26,7 +26,7 @@ from hil.cli import main
 from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
 from hil.experiments import friction_network
-from hil.experiments.pages import SeedMean, StudyPage, bars, lines, means
+from hil.experiments.pages import SeedMean, StudyPage, bars, line_chart, means
 from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
@@ -238,8 +238,8 @@ def test_the_results_say_the_seeds_of_every_study(name):
 def test_all_studies_after_one_another_with_their_times(capsys, monkeypatch):
     few = {n: experiment.EXPERIMENTS[n] for n in ("elastic-ukf", "friction-network")}
     monkeypatch.setattr(experiment, "EXPERIMENTS", few)
-    motion = friction_network.motion
-    monkeypatch.setattr(friction_network, "motion", lambda s, seed: motion(s / 6, seed))
+    motion = friction_network.random_sines
+    monkeypatch.setattr(friction_network, "random_sines", lambda s, seed: motion(s / 6, seed))
     assert main(["experiment", "--all", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert list(data["studies"]) == list(data["seconds"]) == list(few)
@@ -341,7 +341,9 @@ def test_one_study_or_all(words, said, capsys):
 
 
 def test_a_line_ends_where_there_is_no_number():
-    svg = lines("a", ["0", "10", "", "x"], {"l": [1.0, 2.0, math.nan, 1.0], "m": [math.nan] * 4})
+    svg = line_chart(
+        "a", ["0", "10", "", "x"], {"l": [1.0, 2.0, math.nan, 1.0], "m": [math.nan] * 4}
+    )
     space = "{http://www.w3.org/2000/svg}"
     drawn = [p.get("points").split() for p in ET.fromstring(svg).iter(f"{space}polyline")]
     assert [len(p) for p in drawn] == [2, 1]

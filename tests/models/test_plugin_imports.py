@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.cli import main
-from hil.consent import beside
+from hil.consent import local_modules
 from hil.errors import ConfigError
 from hil.models import catalogue
 
@@ -110,7 +110,7 @@ def test_what_is_installed_comes_before_what_lies_beside(tmp_path):
     (tmp_path / "mine.py").write_text("x = 1")
     source = b"import numpy, json\ndef late():\n    from importlib import import_module\n"
     source += b"    return import_module('mine')\n"
-    assert list(beside(tmp_path / "p.py", source)) == ["mine"]
+    assert list(local_modules(tmp_path / "p.py", source)) == ["mine"]
 
 
 def test_a_plugin_of_many_files_is_no_plugin(tmp_path):
@@ -119,4 +119,4 @@ def test_a_plugin_of_many_files_is_no_plugin(tmp_path):
         (tmp_path / "many" / f"m{k}.py").write_text("")
     (tmp_path / "many" / "__init__.py").write_text("")
     with pytest.raises(ConfigError, match="more than 200 files"):
-        beside(tmp_path / "p.py", b"import many")
+        local_modules(tmp_path / "p.py", b"import many")

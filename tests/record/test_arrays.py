@@ -183,7 +183,7 @@ def test_a_robot_that_there_is_none_of_is_refused_at_once(plain):
 
 
 def test_the_names_of_presets_are_those_of_the_robots():
-    assert set(PRESETS) == set(robots.PRESETS)
+    assert set(PRESETS) == set(robots.PRESET_ROBOTS)
 
 
 def _framed(plain, t):

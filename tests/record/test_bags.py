@@ -361,7 +361,7 @@ def test_a_motion_is_planned_from_a_bag(tmp_path, capsys):
     assert main([*words, "--for", "cogging", "--motion", "multisine"]) == 0
     from hil.excite import trajectory
 
-    assert trajectory.read(out).joints == ("knee",)
+    assert trajectory.read_trajectory(out).joints == ("knee",)
     assert "'hil run' plays on the arms of a rig file only" in capsys.readouterr().out
 
 

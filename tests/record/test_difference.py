@@ -65,9 +65,9 @@ def test_the_command_tells_it(sessions, capsys):
 @pytest.mark.slow
 def test_interpreters_are_compared_and_named(monkeypatch):
     monkeypatch.setattr(determinism, "RIGS", ("teleop",))
-    found = determinism.compare([sys.executable, sys.executable], 0.05)
+    found = determinism.compare_interpreters([sys.executable, sys.executable], 0.05)
     assert [s.difference for s in found] == [None, None]
     assert determinism.rows(found)[1][2:] == ["the same", "the same bytes"]
     assert "2 of 2 sessions" in determinism.page(found, "x")
     with pytest.raises(ConfigError, match="cannot run"):
-        determinism.compare([sys.executable, "/nowhere/python"], 0.05)
+        determinism.compare_interpreters([sys.executable, "/nowhere/python"], 0.05)

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from hil.cli import main
-from hil.commands.run import differences
+from hil.commands.run import replay_differences
 from hil.errors import ConfigError, DataError, DeviceError
 from hil.record.container import read
 from hil.record.frames import (
@@ -42,7 +42,7 @@ RDT = {"follower-ft": {"driver": "netft-rdt", "address": "192.168.1.1"}}
 def run(path, backend, boxes=None, seconds=0.3, **record):
     over = {"devices": {**ARMS, "follower-force": {"backend": backend}}, "record": record}
     config = load_rig(RIG, {**over, "boxes": boxes or {}})
-    runner.run(config, seconds, seed=3, output=path)
+    runner.run_session(config, seconds, seed=3, output=path)
     return path
 
 
@@ -169,7 +169,7 @@ def test_what_a_replay_needs_is_asked_for(tmp_path):
 
 def whole(path, backend, seconds=0.5, **record):
     config = load_rig(RIG, {"backend": backend, "record": record})
-    runner.run(config, seconds, seed=3, output=path)
+    runner.run_session(config, seconds, seed=3, output=path)
     return read_fields(path, "/rig/raw")[1]
 
 
@@ -181,7 +181,7 @@ def test_a_whole_rig_comes_again_from_its_frames(tmp_path):
     told = summary(tmp_path / "desk.mcap").metadata
     assert int(told["replay/leader-ft"]["asked"]) > 1000
     assert told["replay/leader-ft"]["other"] == "0"
-    said = differences(str(tmp_path / "desk.mcap"))
+    said = replay_differences(str(tmp_path / "desk.mcap"))
     assert said and all("-motor" in line and "frames sent are others" in line for line in said)
     assert summary(tmp_path / "field.mcap").metadata["frames/encoders"] == {"dropped": "0"}
     assert max(np.ptp(field[f"follower_count{k}"]) for k in (1, 2, 3)) > 50
@@ -224,7 +224,7 @@ def test_frames_have_the_log_time_of_their_tick(tmp_path):
         "devices": {**ARMS, "follower-force": {"backend": "sim-wire"}},
         "record": {"frames": True},
     }
-    runner.run(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
+    runner.run_session(load_rig(RIG, over), 0.2, seed=3, clock="real", output=tmp_path / "s.mcap")
     topics = read(tmp_path / "s.mcap").topics
     rows, frames = topics["/rig/raw"].times, topics["/frames/follower-ft"].times
     # frames from before tick 0 have its log time; a loaded machine may miss the first ticks
@@ -253,4 +253,4 @@ def test_hil_run_says_where_a_driver_asks_something_else(tmp_path, capsys):
         encoding="utf-8",
     )
     assert main(["run", str(rig), "--seconds", "0.1", "-o", str(tmp_path / "x.mcap")]) == 0
-    assert differences(str(tmp_path / "x.mcap")) == []
+    assert replay_differences(str(tmp_path / "x.mcap")) == []

@@ -3,7 +3,7 @@
 import copy
 import pickle
 
-from hil.diagnosis.heldout import ADVICE, BOTH, DIFFER, STATE, _advised
+from hil.diagnosis.heldout import BOTH, DIFFER, HELD_OUT_ADVICE, RIG_STATE, _advised
 from hil.diagnosis.residual_tests import CHANGED, CUT_THERE, changes_told
 from hil.diagnosis.types import Change
 from hil.diagnosis.verbs import _as_fault
@@ -47,9 +47,9 @@ def test_a_floor_that_is_no_noise_is_told_from_one_that_no_sensor_makes():
 
 
 def test_only_the_last_of_several_differences_says_what_to_do():
-    one = Note(DIFFER, "j1: x", "j1", "j1: x", STATE)
+    one = Note(DIFFER, "j1: x", "j1", "j1: x", RIG_STATE)
     two = Note(DIFFER, "j2: y", "j2", "j2: y")
-    assert [n[1] for n in _advised([one, two])] == ["j1: x", f"j2: y. {ADVICE}"]
+    assert [n[1] for n in _advised([one, two])] == ["j1: x", f"j2: y. {HELD_OUT_ADVICE}"]
     # what is left of several is advised anew, by what is left
     again = _advised(_advised([one, two])[1:])
     assert [n[1] for n in again] == [f"j2: y. {BOTH}"]

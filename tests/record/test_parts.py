@@ -111,7 +111,7 @@ def test_a_run_whose_output_is_deleted_goes_on(tmp_path):
             p.unlink()
 
     operator = runner.Operator(say=said.append)
-    found = runner.run(
+    found = runner.run_session(
         load_rig("teleop"), 1.5, 0, "lockstep", path, progress=progress, operator=operator
     )
     assert found.parts == [str(tmp_path / "s.part2.mcap")]

@@ -14,14 +14,14 @@ from hil.commands import diagnose as diagnose_command
 from hil.commands.common import note_compiling
 from hil.commands.compare import text as compare_text
 from hil.commands.diagnose import (
-    ERRORS,
+    ERROR_LEGEND,
     _contribution,
     _forms,
     _telling,
     _what_is_written,
     short,
     text,
-    verdict,
+    verdict_sentence,
 )
 from hil.diagnosis.attribution import Named
 from hil.diagnosis.engine import diagnose
@@ -37,7 +37,7 @@ from hil.diagnosis.types import (
     to_try,
 )
 from hil.diagnosis.verbs import compare, ladder
-from hil.diagnosis.verdict import NO_GEOMETRY, _weighed, lateness
+from hil.diagnosis.verdict import NO_GEOMETRY, _weighed, effort_lateness
 from hil.identify import bands
 from hil.identify.design import Term
 from hil.models import catalogue
@@ -49,7 +49,7 @@ from hil.report.html import diagnosis_report
 from hil.report.text import (
     AGAIN,
     CHECK_FIRST,
-    FIXED,
+    VERDICT_CONSEQUENCES,
     _finding,
     headline,
     laws,
@@ -486,16 +486,16 @@ def test_a_lateness_is_printed_with_its_share_and_with_half_a_sample(late):
         assert float(error) >= 0.49 * period
         assert abs(float(size) - samples * period) < 2 * float(error)
     values = {"j1.delay.a": Value(0.9, float("nan"), "1"), "j1.delay.T": Value(0.02, 1e-4, "s")}
-    v = lateness(replace(late.findings[0], effect="delay", parameters=values), 3e-3)
+    v = effort_lateness(replace(late.findings[0], effect="delay", parameters=values), 3e-3)
     assert v.value == pytest.approx(0.018) and v.stderr == pytest.approx(3e-3, rel=0.01)
 
 
 @pytest.mark.slow
 def test_a_first_error_that_is_not_the_given_model_s_is_told(late):
     """Where an effect was added beside others, two tables begin with different errors."""
-    assert ERRORS not in short(late, ladder(late), None)
+    assert ERROR_LEGEND not in short(late, ladder(late), None)
     found = replace(late.findings[0], relative_before=1.01 * late.findings[0].relative_before)
-    assert ERRORS in short(replace(late, findings=[found]), ladder(late), None)
+    assert ERROR_LEGEND in short(replace(late, findings=[found]), ladder(late), None)
 
 
 def test_degrees_taken_for_radians_are_told_before_any_value(plain, tmp_path):
@@ -638,7 +638,7 @@ def test_a_slow_rate_is_told_before_what_follows_from_it(plain, named, end):
     first, *rest = next_steps(m)
     assert first.startswith("50 Hz is slow") and first.endswith(end)
     assert rest == next_steps(replace(m, warnings=[]))
-    assert next_steps(replace(m, verdict="adequate"))[0] == FIXED["adequate"][0]
+    assert next_steps(replace(m, verdict="adequate"))[0] == VERDICT_CONSEQUENCES["adequate"][0]
 
 
 def test_rivals_are_told_with_their_weights_where_these_are_known(plain):
@@ -692,7 +692,9 @@ def test_which_model_explains_the_fitted_runs_is_said(monkeypatch, rungs, which)
     """A correction had made "the model" explain them, with 19 floors left by the given one."""
     monkeypatch.setattr("hil.commands.diagnose.only_there", lambda *_: True)
     d = SimpleNamespace(verdict="unexplained", warnings=[], ladder=[1] * rungs, last=1, noise=1)
-    assert verdict(d).startswith(f"unexplained: {which} explains the fitted data down to the noise")
+    assert verdict_sentence(d).startswith(
+        f"unexplained: {which} explains the fitted data down to the noise"
+    )
     monkeypatch.setattr("hil.report.text.only_there", lambda *_: True)
     monkeypatch.setattr("hil.report.text._undescribed", lambda m: False)
     monkeypatch.setattr("hil.report.text._open", lambda m: "b")

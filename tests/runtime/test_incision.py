@@ -28,7 +28,7 @@ def session(path, seconds=5.0, **law):
         return rig
 
     config = load_rig("surgical", {"controller": {"parameters": law}} if law else {})
-    ended = runner.run(config, seconds, 1, "lockstep", path, opener=opener)
+    ended = runner.run_session(config, seconds, 1, "lockstep", path, opener=opener)
     begun = int(BEGUN_S / seconds * len(rows))
     off, force, leader, follower = (np.array(x)[begun:] for x in zip(*rows, strict=True))
     track = follower - follower[0] - 0.5 * (leader - leader[0])  # motion_scale of the rig

@@ -16,7 +16,7 @@ from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.rigs import rig_path
 from hil.runtime.replay import replay
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session
 from hil.signals.frame import FrameLayout
 
 LINK = (
@@ -79,7 +79,7 @@ def rig(folder, d, backend="sim", law="joint-pd", more="", rate=500):
     [*(("joint-pd", d) for d in range(1, 8)), *(("computed-torque", d) for d in range(1, 5))],
 )
 def test_an_arm_of_any_number_of_joints_runs_and_is_recorded(tmp_path, law, d):
-    summary = run(rig(tmp_path, d, law=law), 2.0, 1, output=tmp_path / "s.mcap")
+    summary = run_session(rig(tmp_path, d, law=law), 2.0, 1, output=tmp_path / "s.mcap")
     assert summary.state == "ENABLED"
     assert summary.limited == 0
     seen = load(tmp_path / "s.mcap", "arm")
@@ -96,7 +96,7 @@ def test_a_session_is_bit_identical_for_a_seed_and_replays(tmp_path, backend):
     config = rig(tmp_path, 5, backend)
     names = [tmp_path / f"{k}.mcap" for k in range(3)]
     for name, seed in zip(names, (4, 4, 5), strict=True):
-        run(config, 0.6, seed, output=name)
+        run_session(config, 0.6, seed, output=name)
     first, again, other = (name.read_bytes() for name in names)
     assert first == again
     assert first != other
@@ -109,13 +109,13 @@ def test_a_session_is_bit_identical_for_a_seed_and_replays(tmp_path, backend):
 def test_ideal_wires_and_simulated_can_lead_to_the_same_posture(tmp_path):
     ends = []
     for backend in ("sim", "sim-wire"):
-        run(rig(tmp_path, 4, backend), 2.0, 2, output=tmp_path / f"{backend}.mcap")
+        run_session(rig(tmp_path, 4, backend), 2.0, 2, output=tmp_path / f"{backend}.mcap")
         ends.append(load(tmp_path / f"{backend}.mcap", "arm").q[-1])
     assert np.abs(ends[0] - ends[1]).max() < 0.02
 
 
 def test_the_raw_words_are_those_of_all_joints(tmp_path):
-    run(rig(tmp_path, 7), 0.1, 0, output=tmp_path / "s.mcap")
+    run_session(rig(tmp_path, 7), 0.1, 0, output=tmp_path / "s.mcap")
     text = read(tmp_path / "s.mcap").topics["/rig/raw"].schema_text.decode()
     names = re.findall(r"float64 (\w+)", text)
     assert names == [
@@ -144,10 +144,10 @@ def test_the_limits_of_the_last_joint_hold(tmp_path, more, condition, fault):
     config = rig(tmp_path, 5, more=more)
     if fault:
         with pytest.raises(DeviceError, match=condition):
-            run(config, 2.0, 0, output=tmp_path / "s.mcap")
+            run_session(config, 2.0, 0, output=tmp_path / "s.mcap")
         return
     # no longer: without torque it falls
-    summary = run(config, 0.75, 0, output=tmp_path / "s.mcap")
+    summary = run_session(config, 0.75, 0, output=tmp_path / "s.mcap")
     assert summary.state == "PAUSED"
     assert re.search(condition, summary.reason)
 
@@ -160,16 +160,16 @@ def test_a_motion_that_the_law_does_not_follow_is_told_from_a_fast_one(tmp_path)
     still = trajectory.Trajectory(
         names, ("rad",) * 5, 10.0, ends, via, np.full(2, 0.1), np.zeros((5, 1, 2))
     )
-    trajectory.write(still, tmp_path / "hold.toml", "")
+    trajectory.write_trajectory(still, tmp_path / "hold.toml", "")
     parameters = {**config.controller.parameters, "trajectory": str(tmp_path / "hold.toml")}
     controller = replace(config.controller, parameters=parameters)
     with pytest.raises(DeviceError, match=r"axis_4 at .*the law does not follow it: see to its g"):
-        run(replace(config, controller=controller), 2.0, 0, output=tmp_path / "s.mcap")
+        run_session(replace(config, controller=controller), 2.0, 0, output=tmp_path / "s.mcap")
 
 
 def test_the_torque_limit_of_every_joint_holds(tmp_path):
     config = rig(tmp_path, 5, more="torque_limit = [9, 9, 9, 9, 0.05]")
-    run(config, 0.6, 0, output=tmp_path / "s.mcap")
+    run_session(config, 0.6, 0, output=tmp_path / "s.mcap")
     tau = load(tmp_path / "s.mcap", "arm").tau
     assert np.abs(tau[:, 4]).max() < 0.06
 
@@ -204,7 +204,7 @@ def test_mistakes_in_the_rig_file_are_refused(tmp_path, change, said):
     assert change[0] in text
     path.write_text(text.replace(*change))
     with pytest.raises(ConfigError, match=said):
-        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+        run_session(load_rig(path), 0.1, output=tmp_path / "s.mcap")
 
 
 def test_joints_that_the_rig_does_not_run_are_locked(tmp_path):
@@ -217,7 +217,7 @@ def test_joints_that_the_rig_does_not_run_are_locked(tmp_path):
         load_rig(path)
     named = 'robot = "own.urdf"\njoints = ["axis_0", "axis_1", "axis_2"]\nlock = { axis_4 = 0.3 }'
     path.write_text(text.replace('robot = "own.urdf"', named))
-    run(load_rig(path), 0.3, 0, output=tmp_path / "s.mcap")
+    run_session(load_rig(path), 0.3, 0, output=tmp_path / "s.mcap")
     session = load(tmp_path / "s.mcap", "arm")
     assert session.joints == ("axis_0", "axis_1", "axis_2")
     moving = [
@@ -227,7 +227,7 @@ def test_joints_that_the_rig_does_not_run_are_locked(tmp_path):
     # the locked links still weigh on the joints that run
     heavy = session.tau[-1]
     rig(tmp_path, 3)
-    run(load_rig(path), 0.3, 0, output=tmp_path / "light.mcap")
+    run_session(load_rig(path), 0.3, 0, output=tmp_path / "light.mcap")
     assert np.abs(heavy - load(tmp_path / "light.mcap", "arm").tau[-1]).max() > 0.1
 
 
@@ -237,7 +237,7 @@ def test_a_law_of_three_joints_says_which_laws_take_more(tmp_path):
     text = path.read_text().replace('name = "joint-pd"', 'name = "position-force"')
     path.write_text(text.split("[controller.parameters]")[0])
     with pytest.raises(ConfigError, match=r"arms of three joints.*computed-torque.*joint-pd"):
-        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+        run_session(load_rig(path), 0.1, output=tmp_path / "s.mcap")
 
 
 def test_the_operator_sends_an_arm_of_six_home(tmp_path):
@@ -245,7 +245,7 @@ def test_the_operator_sends_an_arm_of_six_home(tmp_path):
 
     said = []
     operator = Operator([(0.5, "home")], said.append)
-    run(load_rig("arm6"), 3.2, 0, output=tmp_path / "s.mcap", operator=operator)
+    run_session(load_rig("arm6"), 3.2, 0, output=tmp_path / "s.mcap", operator=operator)
     assert any("home: done" in text for text in said), said
     end = load(tmp_path / "s.mcap", "arm").q[-1]
     assert np.abs(end).max() < 0.05
@@ -260,14 +260,16 @@ def test_the_packaged_rig_brings_its_robot():
 
 def test_a_robot_without_a_frame_called_tip_is_recorded_with_its_last_one(tmp_path):
     config = rig(tmp_path, 2)
-    run(config, 0.05, output=tmp_path / "s.mcap")
+    run_session(config, 0.05, output=tmp_path / "s.mcap")
     robot = load(tmp_path / "s.mcap", "arm").robot
     assert robot.tip == "" and bare_robot(robot).joints == ("axis_0", "axis_1")
 
 
 def test_sliding_axes_hold_their_place_on_ideal_wires(tmp_path):
     """A linear motor has the fine steps of a scale, not those of a drive that turns."""
-    ended = run(load_rig("inverse3", {"backend": "sim"}), 1.0, 1, "lockstep", tmp_path / "s.mcap")
+    ended = run_session(
+        load_rig("inverse3", {"backend": "sim"}), 1.0, 1, "lockstep", tmp_path / "s.mcap"
+    )
     assert ended.state == "ENABLED"
     q = load(tmp_path / "s.mcap").q
     assert 0 < np.ptp(q, axis=0).max() < 1e-3

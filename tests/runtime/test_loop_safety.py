@@ -27,16 +27,16 @@ from hil.rig.safety import (
     PAUSING,
     TABLE,
     alternates,
-    beyond,
-    limits,
-    named,
+    named_conditions,
+    safety_limits,
     sentence,
+    violations,
 )
 from hil.runtime.board import Ring
 from hil.runtime.clock import VirtualClock
 from hil.runtime.commands import OperatorCommand
 from hil.runtime.loop import Loop, Overload
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session
 from hil.signals.device import OperatingState as State
 from hil.signals.device import Status
 from hil.signals.frame import FrameLayout
@@ -105,7 +105,7 @@ class Bench:
             self.arm.gauges,
             np.array(config.torque_limit),
             np.array(config.speed_limit),
-            limits(config, robot, safety, 12.0),
+            safety_limits(config, robot, safety, 12.0),
             tip,
             box,
         )
@@ -131,7 +131,7 @@ class Bench:
         return self.loop.machine.state
 
     def names(self):
-        return {c.name for c in named(self.loop.conditions)}
+        return {c.name for c in named_conditions(self.loop.conditions)}
 
 
 def js(arm, status):
@@ -273,7 +273,7 @@ def test_one_joint_that_is_outside_hides_no_other(bench):
         if q > -0.2:
             assert bench.loop.machine.state is State.ENABLED
     assert bench.loop.machine.state is State.PAUSED
-    assert any("joint2" in text for text in beyond(
+    assert any("joint2" in text for text in violations(
         bench.loop.reason, ("joint1", "joint2", "joint3"), bench.arm.q, bench.arm.qd,
         bench.limits))  # fmt: skip
 
@@ -401,7 +401,7 @@ def test_missed_periods_pause_after_the_first_second():
 def test_the_table_of_conditions_is_whole():
     assert len({c.name for c in TABLE}) == len(TABLE) < 53
     assert PAUSING & FAULTING == 0
-    assert named(0) == [] and sentence(0) == "nothing is wrong"
+    assert named_conditions(0) == [] and sentence(0) == "nothing is wrong"
 
 
 def test_rounding_is_finer_than_the_devices(bench):
@@ -413,7 +413,7 @@ def test_rounding_is_finer_than_the_devices(bench):
 LIVE = f"""
 import signal
 import sys
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session as run
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 
@@ -503,11 +503,11 @@ def test_a_loop_that_is_gone_before_its_watchdog_has_begun_is_gone(tmp_path):
 
 @pytest.mark.real_time
 def test_the_watchdog_keeps_still_where_the_session_ends(tmp_path, agreed):
-    from hil.runtime.runner import run
+    from hil.runtime.runner import run_session
 
     agreed(["touch", str(tmp_path / "cut")])
     over = {"safety": {"watchdog": 1.0, "cut": ["touch", str(tmp_path / "cut")]}}
-    run(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")
+    run_session(load_rig(RIG, over), 0.5, output=tmp_path / "s.mcap", clock="real")
     assert not (tmp_path / "cut").exists()
     assert not (tmp_path / "s.mcap.watchdog.json").exists()
 
@@ -563,7 +563,7 @@ def test_a_law_that_shakes_an_arm_from_tick_to_tick_is_named_before_its_encoder(
     config = load_rig("teleop", {"loop": {"rate_hz": rate}})
     said = f"(?s)moved as no joint can.*follower joint2.*half of rate_hz = {rate}.*raise rate_hz"
     with pytest.raises(DeviceError, match=said):
-        run(config, 3.0, 0, "lockstep", tmp_path / "s.mcap")
+        run_session(config, 3.0, 0, "lockstep", tmp_path / "s.mcap")
 
 
 def test_efforts_that_calm_down_or_wander_do_not_shake():

@@ -16,7 +16,7 @@ from hil.interrupt import Ended
 from hil.rig.config import ControllerConfig, load_rig
 from hil.rig.open import open_rig
 from hil.runtime.replay import replay
-from hil.runtime.runner import Operator, run
+from hil.runtime.runner import Operator, run_session
 
 LAW = """
 from dataclasses import dataclass
@@ -302,7 +302,7 @@ def test_a_name_that_two_have_is_refused(plugged, monkeypatch):
 
 def test_a_driver_that_speaks_to_its_device_itself_runs_as_hardware_without_boxes(plugged):
     path = plugged / "s.mcap"
-    done = run(load_rig(of_arm(plugged, backend="hardware")), 0.2, output=path)
+    done = run_session(load_rig(of_arm(plugged, backend="hardware")), 0.2, output=path)
     assert (done.clock, done.state) == ("real", "ENABLED")
     assert replay(path).differ == 0  # and opens no device
     with pytest.raises(ConfigError, match="needs boxes"):
@@ -353,7 +353,7 @@ def test_the_scheme_of_a_delayed_law_says_whether_it_feels_a_force():
 
 def test_an_arm_without_a_sensor_records_no_force(tmp_path):
     path = tmp_path / "s.mcap"
-    run(without("teleop", "leader"), 0.1, output=path)
+    run_session(without("teleop", "leader"), 0.1, output=path)
     assert hil.load(path, "leader").wrench is None
     assert hil.load(path, "follower").wrench is not None
     assert replay(path).differ == 0
@@ -363,4 +363,4 @@ def test_a_gain_on_a_force_that_nobody_measures_cannot_be_set(tmp_path):
     config = without("lawrence", "leader")
     operator = Operator([(0.05, "set c6 0.2")])
     with pytest.raises(ConfigError, match="reads the force on the tip of arm 'leader'"):
-        run(config, 0.1, output=tmp_path / "s.mcap", operator=operator)
+        run_session(config, 0.1, output=tmp_path / "s.mcap", operator=operator)

@@ -13,7 +13,7 @@ from hil.record.container import read
 from hil.rig.config import load_rig
 from hil.rig.operator import Shop
 from hil.runtime.replay import replay
-from hil.runtime.runner import Operator, run
+from hil.runtime.runner import Operator, run_session
 
 
 @pytest.mark.parametrize("rig", ["teleop.toml", "identify.toml", "mechanical-operator.toml"])
@@ -39,7 +39,7 @@ def test_commands_of_the_operator_are_replayed_too(tmp_path):
         (0.6, "stop"),
     ]
     path = tmp_path / "s.mcap"
-    done = run(
+    done = run_session(
         load_rig(RIGS / "teleop.toml"),
         1.0,
         3,
@@ -78,7 +78,9 @@ def test_bad_lines_of_the_operator_are_answered_and_change_nothing(tmp_path):
     said = []
     lines = [*BAD, RUNNING]
     operator = Operator((), said.append, lines=lambda take: [take(text) for text, _ in lines])
-    run(load_rig(RIGS / "teleop.toml"), 0.1, 3, output=tmp_path / "s.mcap", operator=operator)
+    run_session(
+        load_rig(RIGS / "teleop.toml"), 0.1, 3, output=tmp_path / "s.mcap", operator=operator
+    )
     assert "force_scale 0..2" in said[0] and len(said) == len(lines) + 1
     for (_, part), answer in zip(lines, said[1:], strict=True):
         assert part in answer
@@ -97,7 +99,7 @@ def test_a_bad_schedule_is_refused_before_anything_is_opened(text, part, tmp_pat
 def test_only_start_gives_power_to_a_rig_that_waits(text, tmp_path):
     said = []
     operator = Operator([(0.05, text)], said.append, wait=True)
-    done = run(
+    done = run_session(
         load_rig(RIGS / "teleop.toml"), 0.2, 3, output=tmp_path / "s.mcap", operator=operator
     )
     assert done.state == "DISABLED" and said == [f"tick 51: {text}: DISABLED, as before"]
@@ -110,7 +112,7 @@ def test_no_single_parameter_within_its_range_faults_a_session(rig, edge, tmp_pa
     config = load_rig(RIGS / rig)
     for name, allowed in Shop(None, config).settable().items():
         values = " ".join([repr(getattr(allowed, edge))] * allowed.entries)
-        done = run(
+        done = run_session(
             config,
             0.6,
             3,
@@ -123,7 +125,7 @@ def test_no_single_parameter_within_its_range_faults_a_session(rig, edge, tmp_pa
 def test_a_session_may_wait_for_its_operator(tmp_path):
     path = tmp_path / "s.mcap"
     operator = Operator([(0.2, "start")], wait=True)
-    run(load_rig(RIGS / "teleop.toml"), 0.5, 3, output=path, operator=operator)
+    run_session(load_rig(RIGS / "teleop.toml"), 0.5, 3, output=path, operator=operator)
     from hil.record.mcap_read import load
 
     codes = load(path, "follower").tau
@@ -141,7 +143,7 @@ def test_another_parameter_differs_and_says_where(tmp_path):
 def test_rows_that_the_ring_dropped_are_jumped_over(tmp_path):
     config = load_rig(RIGS / "teleop.toml", {"loop": {"ring_rows": 8}})
     path = tmp_path / "s.mcap"
-    run(config, 0.5, 3, output=path, operator=Operator())
+    run_session(config, 0.5, 3, output=path, operator=Operator())
     found = replay(path)
     assert found.ticks == 400 and found.differ == 0
     assert 0 < found.compared < 400 and "dropped" in found.notes[0]
@@ -222,7 +224,7 @@ def _no_scales(box):
     "change", [_bad_events, _torn_events, _short_wrench, _bad_scales, _no_scales]
 )
 def test_a_session_that_anybody_wrote_is_replayed_or_refused(tmp_path, change, capsys):
-    run(load_rig("teleop"), 0.02, clock="lockstep", output=tmp_path / "s.mcap")
+    run_session(load_rig("teleop"), 0.02, clock="lockstep", output=tmp_path / "s.mcap")
     box = read(tmp_path / "s.mcap")
     metadata, payloads, why = change(box)
     with (tmp_path / "t.mcap").open("wb") as file:
@@ -245,7 +247,7 @@ def test_a_session_that_anybody_wrote_is_replayed_or_refused(tmp_path, change, c
 def test_a_value_of_the_command_line_rules_for_the_whole_replay(tmp_path):
     path = tmp_path / "s.mcap"
     schedule = [(0.2, "set force_scale 0.2"), (0.3, "set leader_damping 0.01")]
-    run(load_rig("teleop"), 0.5, 3, output=path, operator=Operator(schedule))
+    run_session(load_rig("teleop"), 0.5, 3, output=path, operator=Operator(schedule))
     found = replay(path, {"force_scale": 0.6})
     assert any("'set force_scale 0.2' of tick 201 was left out" in n for n in found.notes)
     assert not any("leader_damping" in n for n in found.notes)
@@ -261,7 +263,7 @@ def test_commands_while_nothing_is_recorded_have_their_time_and_are_replayed(tmp
         (0.8, "set force_scale 0.3"),
         (1.0, "record on"),
     ]
-    run(load_rig("teleop"), 1.5, 3, output=path, operator=Operator(schedule))
+    run_session(load_rig("teleop"), 1.5, 3, output=path, operator=Operator(schedule))
     box = read(path)
     events = box.topics["/events"]
     told = [json.loads(raw) for raw in events.data]
@@ -278,7 +280,7 @@ def test_home_leaves_no_pause_of_the_safety(tmp_path):
     over = {"arms": {"leader": {"force_yellow": 0.4, "force_red": 0.5}}}
     said, path = [], tmp_path / "s.mcap"
     operator = Operator([(3.0, "home")], said.append)
-    done = run(load_rig("teleop", over), 3.2, 0, output=path, operator=operator)
+    done = run_session(load_rig("teleop", over), 3.2, 0, output=path, operator=operator)
     assert done.paused and "force" in done.reason
     assert any("home: PAUSED, as before: resume first" in text for text in said), said
     assert replay(path).differ == 0
@@ -287,6 +289,6 @@ def test_home_leaves_no_pause_of_the_safety(tmp_path):
 def test_home_goes_on_after_a_pause_of_the_operator(tmp_path):
     said, path = [], tmp_path / "s.mcap"
     operator = Operator([(0.1, "pause"), (0.2, "home")], said.append)
-    done = run(load_rig("teleop"), 0.4, 3, output=path, operator=operator)
+    done = run_session(load_rig("teleop"), 0.4, 3, output=path, operator=operator)
     assert done.state == "ENABLED" and "tick 201: home: done, ENABLED" in said
     assert replay(path).differ == 0

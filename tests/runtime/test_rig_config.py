@@ -14,7 +14,7 @@ from hil.controllers.joint_tracking import JointTrackingConfig
 from hil.errors import ConfigError, DataError
 from hil.rig.config import BACKENDS, load_rig
 from hil.rig.open import build_controller, open_rig
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session
 from hil.runtime.session import Operator, rig_text, to_toml
 from hil.toml import merge
 
@@ -124,7 +124,9 @@ def test_a_session_that_ends_paused_says_so_by_its_exit_code(tmp_path, capsys):
     assert main([*words, "--at", "0.05 pause"]) == 4
     assert "PAUSED" in capsys.readouterr().out
     assert main([*words, "--at", "0.05 pause", "--at", "0.07 resume"]) == 0
-    done = run(load_rig("lawrence"), 0.1, 1, "lockstep", tmp_path / "p.mcap", operator=PAUSING)
+    done = run_session(
+        load_rig("lawrence"), 0.1, 1, "lockstep", tmp_path / "p.mcap", operator=PAUSING
+    )
     with pytest.raises(DataError, match=r"p\.mcap: the session ended PAUSED.*no number"):
         done.enabled()
 
@@ -283,7 +285,7 @@ def test_a_phantom_without_force_sensors_runs(tmp_path):
     waves = {"controller": {"parameters": {"scheme": "waves"}}}  # a law that reads no force
     config = load_rig(RIGS / "delayed.toml", waves)
     bare = {n: d for n, d in config.devices.items() if d.driver == "premium"}
-    done = run(dataclasses.replace(config, devices=bare), 0.05, output=tmp_path / "s.mcap")
+    done = run_session(dataclasses.replace(config, devices=bare), 0.05, output=tmp_path / "s.mcap")
     assert done.state == "ENABLED"
 
 

@@ -18,7 +18,7 @@ from hil.rig.open import open_rig
 from hil.runtime.board import Ring
 from hil.runtime.clock import MonotonicClock, VirtualClock
 from hil.runtime.loop import Loop
-from hil.runtime.runner import Operator, run
+from hil.runtime.runner import Operator, run_session
 from hil.signals.frame import FrameLayout
 
 RIGS = Path(__file__).parents[2] / "rigs"
@@ -26,7 +26,7 @@ ALL = sorted(p.name for p in RIGS.glob("*.toml"))
 
 
 def record(path, rig="teleop.toml", seconds=0.3, seed=7, over=None, **options):
-    run(load_rig(RIGS / rig, over), seconds, seed, output=path, **options)
+    run_session(load_rig(RIGS / rig, over), seconds, seed, output=path, **options)
     return path
 
 
@@ -98,7 +98,7 @@ def test_trajectory_noise_and_hidden_effect_have_seeds_of_their_own(tmp_path):
 @pytest.mark.real_time
 def test_real_clock_runs_and_counts(tmp_path):
     config = load_rig(RIGS / "identify.toml")
-    done = run(config, 0.2, seed=1, clock="real", output=tmp_path / "s.mcap")
+    done = run_session(config, 0.2, seed=1, clock="real", output=tmp_path / "s.mcap")
     assert done.ticks + done.missed >= 200
     assert done.dropped == 0
     assert done.longest_tick_us > 0
@@ -110,7 +110,7 @@ def test_progress_and_live_figures_come_while_the_loop_runs(tmp_path):
     done, said = [], []
     operator = Operator(live=said.append)
     config = load_rig(RIGS / "teleop.toml", {"loop": {"realtime": False}})
-    found = run(
+    found = run_session(
         config,
         0.6,
         clock="real",
@@ -229,7 +229,7 @@ def test_ring_keeps_order_and_counts_what_it_drops():
 
 
 def test_summary_is_plain_data(tmp_path):
-    done = run(load_rig(RIGS / "teleop.toml"), 0.02, output=tmp_path / "s.mcap")
+    done = run_session(load_rig(RIGS / "teleop.toml"), 0.02, output=tmp_path / "s.mcap")
     assert set(done.as_dict()) == {"schema", *(f.name for f in dataclasses.fields(done))}
 
 

@@ -28,8 +28,8 @@ from hil.rig.safety import BITS, FAULTING
 from hil.rigs import rig_path
 from hil.runtime import guard, runner, watchdog
 from hil.runtime.clock import VirtualClock
-from hil.runtime.guard import guarded
-from hil.runtime.watchdog import beside, tripped
+from hil.runtime.guard import guarded_session
+from hil.runtime.watchdog import report_path, tripped
 from hil.signals.frame import FrameLayout
 
 
@@ -69,7 +69,7 @@ def test_files_in_the_working_directory_do_not_take_its_place(tmp_path, safe, mo
         (tmp_path / f"{name}.py").write_text("raise SystemExit(0)")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with guarded(safe, tmp_path / "s.mcap") as dog:
+    with guarded_session(safe, tmp_path / "s.mcap") as dog:
         assert dog.alive and dog.beat(1) == 0
 
 
@@ -78,7 +78,9 @@ def test_no_rig_is_opened_without_an_answer(tmp_path, safe, monkeypatch):
     monkeypatch.setattr(guard, "ISOLATED", ("-c", "raise SystemExit(5)"))
     config = load_rig("teleop", {"safety": {"watchdog": 0.5, "cut": list(safe.cut)}})
     with pytest.raises(DeviceError, match=r"ended at once \(code 5\), so the rig must not be"):
-        runner.run(config, 0.1, output=tmp_path / "s.mcap", opener=lambda *a: opened.append(a))
+        runner.run_session(
+            config, 0.1, output=tmp_path / "s.mcap", opener=lambda *a: opened.append(a)
+        )
     assert not opened and not (tmp_path / "s.mcap").exists()
 
 
@@ -88,13 +90,13 @@ def test_an_answer_is_to_a_number_that_is_new_each_time(tmp_path, safe, monkeypa
     monkeypatch.setattr(guard, "ANSWERS", 0.2)
     monkeypatch.setattr(guard, "ENDS", 0.1)
     with pytest.raises(DeviceError, match="the watchdog does not answer"):
-        with guarded(safe, tmp_path / "s.mcap"):
+        with guarded_session(safe, tmp_path / "s.mcap"):
             pass
 
 
 @pytest.mark.real_time
 def test_a_watchdog_ends_when_the_session_does_whatever_it_is_sent(tmp_path, safe, capfd):
-    with guarded(safe, tmp_path / "s.mcap") as dog:
+    with guarded_session(safe, tmp_path / "s.mcap") as dog:
         for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
             os.kill(dog.pid, number)
         time.sleep(0.15)
@@ -105,7 +107,7 @@ def test_a_watchdog_ends_when_the_session_does_whatever_it_is_sent(tmp_path, saf
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.real_time
 def test_a_watchdog_that_is_gone_is_a_fault(tmp_path, safe, number):
-    with guarded(safe, tmp_path / "s.mcap") as dog:
+    with guarded_session(safe, tmp_path / "s.mcap") as dog:
         assert dog.beat(1) == 0
         os.kill(dog.pid, number)
         until(lambda: dog.beat(2))
@@ -126,12 +128,12 @@ class Late(VirtualClock):
 @pytest.mark.real_time
 def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, safe, capsys):
     path = tmp_path / "s.mcap"
-    mark, Late.held = tmp_path / "mark", beside(path).exists
+    mark, Late.held = tmp_path / "mark", report_path(path).exists
     config, said = load_rig(rig_file), []
     # what an operator might try then
     tries = runner.Operator([(0.05, "resume"), (0.05, "start"), (0.05, "home")], said.append)
     with pytest.raises(DeviceError, match=r"tick 50: FAULT, because the watchdog cut the power \("):
-        runner.run(config, 1.0, 1, "lockstep", path, timer=Late, operator=tries)
+        runner.run_session(config, 1.0, 1, "lockstep", path, timer=Late, operator=tries)
     assert mark.exists()
     box = read(path)
     sent = decode_numbers(box.topics["/rig/raw"]).reshape(-1, 2, FrameLayout(1, 0).words)[:, :, 3:6]
@@ -164,9 +166,11 @@ def test_a_cut_is_a_fault_in_record_and_info_and_latched(tmp_path, rig_file, saf
 
 def test_a_killed_session_tells_of_its_cut_also_where_it_is_recovered(tmp_path, capsys, safe):
     path, new = tmp_path / "s.mcap", tmp_path / "new.mcap"
-    runner.run(load_rig("identify"), 0.3, output=path)
+    runner.run_session(load_rig("identify"), 0.3, output=path)
     path.write_bytes(path.read_bytes()[:-2000])
-    watchdog.write(beside(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 1"})
+    watchdog.write_report(
+        report_path(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 1"}
+    )
     assert main(["info", str(path), "--recover", str(new)]) == 0
     assert main(["info", str(new)]) == 0
     said = capsys.readouterr().out
@@ -175,8 +179,10 @@ def test_a_killed_session_tells_of_its_cut_also_where_it_is_recovered(tmp_path, 
 
 def test_a_recovered_session_keeps_the_cut_wherever_it_is_moved(tmp_path, capsys, safe):
     path, new = tmp_path / "s.mcap", tmp_path / "new.mcap"
-    runner.run(load_rig("identify"), 0.3, output=path)
-    watchdog.write(beside(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"})
+    runner.run_session(load_rig("identify"), 0.3, output=path)
+    watchdog.write_report(
+        report_path(path), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"}
+    )
     assert main(["info", str(path), "--recover", str(new)]) == 0
     (tmp_path / "far").mkdir()
     moved = new.rename(tmp_path / "far" / "moved.mcap")
@@ -187,10 +193,12 @@ def test_a_recovered_session_keeps_the_cut_wherever_it_is_moved(tmp_path, capsys
 
 def test_a_later_part_of_a_session_tells_of_its_cut(tmp_path, capsys, safe):
     first, part = tmp_path / "s.mcap", tmp_path / "s.part2.mcap"
-    runner.run(load_rig("identify"), 0.3, output=first)
+    runner.run_session(load_rig("identify"), 0.3, output=first)
     told = {"first": "s.mcap", "number": "2", "before": "s.mcap", "why": "its size"}
     recover(first, part, {"part": told})
-    watchdog.write(beside(first), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"})
+    watchdog.write_report(
+        report_path(first), {"why": "it is gone", "last_tick": 7, "cut": "x returned 0"}
+    )
     assert main(["info", str(part)]) == 0
     assert "because it is gone: x returned 0" in capsys.readouterr().out
 
@@ -198,16 +206,16 @@ def test_a_later_part_of_a_session_tells_of_its_cut(tmp_path, capsys, safe):
 def test_the_latch_stays_where_the_new_watchdog_does_not_answer(tmp_path, safe, monkeypatch):
     latch = guard.latch_of(cut.proven(safe))
     latch.parent.mkdir(parents=True)
-    watchdog.write(latch, {"why": "x", "cut": "y", "time_s": 1.7e9})
+    watchdog.write_report(latch, {"why": "x", "cut": "y", "time_s": 1.7e9})
     with monkeypatch.context() as patch:
         patch.setattr(guard, "ISOLATED", ("-c", "raise SystemExit(5)"))
         with pytest.raises(DeviceError, match="ended at once"):
-            with guarded(safe, tmp_path / "s.mcap", rearm=True):
+            with guarded_session(safe, tmp_path / "s.mcap", rearm=True):
                 pass
     with pytest.raises(DeviceError, match="2023-11-14 22:13:20 UTC: the watchdog cut the power"):
-        with guarded(safe, tmp_path / "s.mcap"):
+        with guarded_session(safe, tmp_path / "s.mcap"):
             pass
-    with guarded(safe, tmp_path / "s.mcap", rearm=True) as dog:
+    with guarded_session(safe, tmp_path / "s.mcap", rearm=True) as dog:
         assert dog.alive
     assert not latch.exists()
 
@@ -216,13 +224,13 @@ def test_a_cut_that_fails_is_tried_again_and_said(tmp_path):
     script = tmp_path / "cut.sh"
     script.write_text(f"#!/bin/sh\necho >> {tmp_path}/tries\n[ $(wc -l < {tmp_path}/tries) = 3 ]\n")
     script.chmod(0o755)
-    assert watchdog.cut([str(script)]) == (True, "cut.sh returned 0")
-    assert watchdog.cut([str(script)]) == (False, "cut.sh returned 1")
+    assert watchdog.run_cut_program([str(script)]) == (True, "cut.sh returned 0")
+    assert watchdog.run_cut_program([str(script)]) == (False, "cut.sh returned 1")
     script.unlink()
-    worked, said = watchdog.cut([str(script)])
+    worked, said = watchdog.run_cut_program([str(script)])
     assert not worked and "cut.sh failed: [Errno 2]" in said
-    assert not watchdog.cut([str(script), "\0"])[0]
-    assert "THE POWER MAY STILL BE ON" in watchdog.in_words({"cut": said, "why": "x"})
+    assert not watchdog.run_cut_program([str(script), "\0"])[0]
+    assert "THE POWER MAY STILL BE ON" in watchdog.report_in_words({"cut": said, "why": "x"})
 
 
 def test_a_program_that_prints_into_a_closed_pipe_cuts_all_the_same(tmp_path):
@@ -245,7 +253,7 @@ def test_a_full_disk_does_not_stop_the_cut(tmp_path, capsys):
     page = np.zeros(8, np.int64)
     told = {"cut": ["/bin/touch", str(tmp_path / "mark")]}
     told |= {"latch": str(tmp_path / "no" / "l"), "report": str(tmp_path / "no" / "r")}
-    watchdog.act(memoryview(page), told, "the loop does not tick")
+    watchdog.cut_power(memoryview(page), told, "the loop does not tick")
     assert (tmp_path / "mark").exists() and page[watchdog.CUTS] == 1
     assert capsys.readouterr().err.count("cannot be written") == 3
 
@@ -264,7 +272,7 @@ def test_a_latch_holds_for_every_spelling_of_a_path(tmp_path, state, monkeypatch
     all_words = list(spellings(tmp_path))
     latch = guard.latch_of(cut.proven(SafetyConfig(watchdog=1.0, cut=all_words[0])))
     latch.parent.mkdir(parents=True)
-    watchdog.write(latch, {"why": "x", "cut": "y"})
+    watchdog.write_report(latch, {"why": "x", "cut": "y"})
     for words in all_words:
         assert guard.latched(cut.proven(SafetyConfig(watchdog=1.0, cut=words))), words
     other = cut.proven(SafetyConfig(watchdog=1.0, cut=(*all_words[0][:1], "y")))
@@ -290,16 +298,16 @@ def test_an_empty_latch_is_one(safe):
 @pytest.mark.real_time
 def test_a_disk_that_fills_up_does_not_lose_the_latch(tmp_path, safe):
     path, words = tmp_path / "s.mcap", cut.proven(safe)
-    with guarded(safe, path) as dog:
+    with guarded_session(safe, path) as dog:
         # writes fail, as on a full disk; a new name takes no room
         guard.latch_of(words).with_name(guard.latch_of(words).name + ".new").mkdir()
-        beside(path).with_name(beside(path).name + ".new").mkdir()
+        report_path(path).with_name(report_path(path).name + ".new").mkdir()
         assert dog.beat(1) == 0
         until(lambda: not dog.alive)
         told = dog.trip()
     assert (tmp_path / "mark").exists() and "no room" in told["why"]
     with pytest.raises(DeviceError, match=r"has begun; THE POWER MAY STILL BE ON\. Find out why"):
-        with guarded(safe, path):
+        with guarded_session(safe, path):
             pass
     assert len(list(guard.latch_of(words).parent.glob("*.reserve"))) == 0
 
@@ -309,11 +317,11 @@ def test_no_session_starts_without_room_for_its_latch(tmp_path, safe, monkeypatc
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(watchdog, "write", full)
+        patch.setattr(watchdog, "write_report", full)
         with pytest.raises(ConfigError, match=r"latch cannot be prepared: .*reserve: No space"):
-            with guarded(safe, tmp_path / "s.mcap"):
+            with guarded_session(safe, tmp_path / "s.mcap"):
                 pass
-    with guarded(safe, tmp_path / "s.mcap") as dog:
+    with guarded_session(safe, tmp_path / "s.mcap") as dog:
         assert dog.alive
     assert not list(guard.latch_of(cut.proven(safe)).parent.iterdir())
 
@@ -323,7 +331,7 @@ def test_no_session_starts_without_room_for_its_latch(tmp_path, safe, monkeypatc
 )
 def test_any_report_is_read(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
-    assert "STILL BE ON" in watchdog.in_words(tripped(tmp_path / "r.json"))
+    assert "STILL BE ON" in watchdog.report_in_words(tripped(tmp_path / "r.json"))
 
 
 def executable(path, text):
@@ -383,8 +391,10 @@ def test_times_that_no_watchdog_can_keep_are_refused(seconds):
 @pytest.mark.real_time
 def test_a_session_that_is_kept_aside_keeps_what_the_watchdog_did(tmp_path, rig_file, capsys):
     path = tmp_path / "s.mcap"
-    runner.run(load_rig("identify"), 0.1, output=path)
-    watchdog.write(beside(path), {"why": "it is gone", "cut": "x returned 0", "worked": True})
+    runner.run_session(load_rig("identify"), 0.1, output=path)
+    watchdog.write_report(
+        report_path(path), {"why": "it is gone", "cut": "x returned 0", "worked": True}
+    )
     assert main(["run", rig_file, "--seconds", "0.05", "-o", str(path)]) == 0
     capsys.readouterr()
     assert main(["info", str(path), str(tmp_path / "s.1.mcap")]) == 0
@@ -519,7 +529,7 @@ def test_what_would_run_is_shown_on_one_line_word_by_word(tmp_path, state):
 
 
 def test_agreements_are_kept_in_the_users_folder(monkeypatch, tmp_path):
-    monkeypatch.delenv(consent.VARIABLE)
+    monkeypatch.delenv(consent.STATE_VARIABLE)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert consent.folder() == tmp_path / "hil"
     monkeypatch.delenv("XDG_STATE_HOME")

@@ -9,7 +9,7 @@ from hil.errors import ConfigError
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
 from hil.runtime import runner
-from hil.signals.velocity import FilteredAcceleration, estimator, low_pass, names
+from hil.signals.velocity import FilteredAcceleration, estimator, estimator_names, low_pass
 
 T = 1e-3
 RIG = Path(__file__).parents[2] / "rigs" / "identify.toml"
@@ -38,7 +38,7 @@ def ramp(speed, n=400, start=0.3):
     return np.floor(start + speed * np.arange(n)).astype(int)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 @pytest.mark.parametrize("speed", [0.0, 0.037, 0.61, 2.9, -14.3, 210.0])
 def test_a_steady_speed_is_found(name, speed):
     out = follow(name, ramp(speed))
@@ -46,7 +46,7 @@ def test_a_steady_speed_is_found(name, speed):
     assert np.mean(out[100:]) == pytest.approx(speed, abs=0.02)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 def test_missed_ticks_are_not_a_jump(name):
     every = np.floor(0.3 + 5.3 * np.arange(600)).astype(int)
     kept = [k for k in range(600) if not 300 <= k < 317]
@@ -55,7 +55,7 @@ def test_missed_ticks_are_not_a_jump(name):
     assert np.abs(out[100:] - 5.3).max() < 1.01
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 def test_channels_do_not_touch_each_other(name):
     method = estimator(name, {}, 2, T)
     alone = follow(name, ramp(3.7))
@@ -67,7 +67,7 @@ def test_channels_do_not_touch_each_other(name):
     np.testing.assert_allclose(both, alone, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 def test_a_large_count_is_as_good_as_a_small_one(name):
     out = follow(name, ramp(1.7, start=2.0**40))
     np.testing.assert_allclose(out[50:], follow(name, ramp(1.7, start=0.0))[50:], atol=1e-3)
@@ -127,11 +127,11 @@ def test_filtered_acceleration_has_its_noise_and_its_delay():
     assert out[0] == pytest.approx(3.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 def test_a_rig_file_chooses_it(name, tmp_path):
     arm = {"driver": "premium", "arm": "follower", "options": {"velocity": name}}
     config = load_rig(RIG, {"devices": {"follower-arm": arm}})
-    runner.run(config, 0.3, seed=1, output=tmp_path / "s.mcap")
+    runner.run_session(config, 0.3, seed=1, output=tmp_path / "s.mcap")
     run = load(tmp_path / "s.mcap", "follower")
     slope = np.gradient(run.q, run.t, axis=0)
     assert np.abs(run.qd - slope)[50:].max() < 0.2
@@ -155,7 +155,7 @@ def test_mistakes_are_named():
             estimator(name, options, 1, T)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", estimator_names())
 def test_counts_and_rates_are_as_many_as_the_channels(name):
     method = estimator(name, {}, 2, T)
     method.reset(np.zeros(2, np.int64))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.sim_devices.canbus.line import LINES, CanLine, Frame, Node, bits
+from hil.sim_devices.canbus.line import LINES, CanFrame, CanLine, Node, bits
 from hil.sim_devices.simtime import VirtualTime
 
 _NUMBER = itertools.count()
@@ -68,8 +68,8 @@ def test_a_poll_of_a_force_sensor_takes_what_the_notes_say():
 def test_the_lower_identifier_goes_first_and_one_frame_at_a_time():
     a, b, ear = Ear(), Ear(), Ear()
     bus = line(a, b, ear)
-    a.outbox.append((0, Frame(0x201, b"late")))
-    b.outbox.append((0, Frame(0x200, b"soon")))
+    a.outbox.append((0, CanFrame(0x201, b"late")))
+    b.outbox.append((0, CanFrame(0x200, b"soon")))
     bus.run(10**9)
     assert [i for i, _, _ in ear.heard] == [0x200, 0x201]
     first, second = (t for *_, t in ear.heard)
@@ -80,8 +80,8 @@ def test_the_lower_identifier_goes_first_and_one_frame_at_a_time():
 def test_who_has_the_bus_keeps_it():
     a, b, ear = Ear(), Ear(), Ear()
     bus = line(a, b, ear)
-    a.outbox.append((0, Frame(0x7FF, bytes(8))))
-    b.outbox.append((5_000, Frame(0x001)))
+    a.outbox.append((0, CanFrame(0x7FF, bytes(8))))
+    b.outbox.append((5_000, CanFrame(0x001)))
     bus.run(10_000)
     assert ear.heard == []
     bus.run(10**9)
@@ -93,7 +93,7 @@ def test_time_does_not_depend_on_how_often_one_looks():
         a, ear = Ear(), Ear()
         bus = line(a, ear)
         for k in range(5):
-            a.outbox.append((k * 10_000, Frame(0x100 + k, bytes([k]))))
+            a.outbox.append((k * 10_000, CanFrame(0x100 + k, bytes([k]))))
         for t in range(0, 2_000_000, step):
             bus.run(t)
         return ear.heard
@@ -105,7 +105,7 @@ def test_time_does_not_depend_on_how_often_one_looks():
 def test_without_an_acknowledge_it_is_sent_again_and_again(others):
     a = Ear()
     bus = line(a, *others)
-    a.outbox.append((0, Frame(0x200)))
+    a.outbox.append((0, CanFrame(0x200)))
     bus.run(50_000_000)
     assert a.outbox or a.off
     assert a.errors > 10
@@ -117,8 +117,8 @@ def test_without_an_acknowledge_it_is_sent_again_and_again(others):
 def test_one_identifier_from_two_with_other_data_is_an_error_for_both():
     a, b, ear = Ear(), Ear(), Ear()
     bus = line(a, b, ear)
-    a.outbox.append((0, Frame(0x200)))
-    b.outbox.append((0, Frame(0x200, bytes(8))))
+    a.outbox.append((0, CanFrame(0x200)))
+    b.outbox.append((0, CanFrame(0x200, bytes(8))))
     bus.run(10_000_000)
     assert ear.heard == []
     assert a.off

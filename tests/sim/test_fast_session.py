@@ -12,7 +12,7 @@ from hil.record.mcap_read import load
 from hil.record.recording import Recording
 from hil.rigs import rig_path
 from hil.sim_devices.fast import session
-from hil.sim_devices.fast.session import EFFECTS
+from hil.sim_devices.fast.session import HIDDEN_FORMS
 from hil.sim_devices.plants import world
 
 SECONDS = 30.0
@@ -23,11 +23,11 @@ def lockstep_reference(seed):
     config = JointTrackingConfig(seed=seed)
     c = JointTracking(config, ("leader", "follower"), 1e-3)._c[1]
     t = 1e-3 * np.arange(round(SECONDS * 1e3))
-    place = joint_tracking.multisine(c, t, config.period)
+    place = joint_tracking.multisine_values(c, t, config.period)
     k = 2 * np.pi / config.period * np.arange(1, c.shape[1] + 1)
     turned = np.stack([-c[..., 1] * k, c[..., 0] * k], -1)
-    speed = joint_tracking.multisine(turned, t, config.period)
-    push = joint_tracking.multisine(-c * (k**2)[None, :, None], t, config.period)
+    speed = joint_tracking.multisine_values(turned, t, config.period)
+    push = joint_tracking.multisine_values(-c * (k**2)[None, :, None], t, config.period)
     ramp = np.clip(t, 0, 1)[:, None]
     rate, ramp = np.pi / 2 * np.sin(np.pi * ramp), (1 - np.cos(np.pi * ramp)) / 2
     parts = [np.array(config.center) + ramp * place, ramp * speed + rate * place, ramp * push]
@@ -45,7 +45,7 @@ def recording(s):
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", ["", "stribeck"])
 def test_residuals_are_those_of_the_lockstep_session(tmp_path, effect):
-    path = hidden.session(rig_path("identify"), tmp_path, 3, 5, effect, "joint2")
+    path = hidden.identification_session(rig_path("identify"), tmp_path, 3, 5, effect, "joint2")
     rows = [{"effect": effect, "joint": 1, "amplitude": 1.3}] if effect else []
     fast = recording(session.simulate(lockstep_reference(5), None, rows, "coloured", 3))
     there, here = base_rms([load(path, "follower")]), base_rms([fast])
@@ -60,7 +60,7 @@ def test_same_seed_same_session():
     assert not np.array_equal(a["tau"], other["tau"])
 
 
-@pytest.mark.parametrize("effect", sorted(EFFECTS))
+@pytest.mark.parametrize("effect", sorted(HIDDEN_FORMS))
 def test_every_effect_changes_the_session(effect):
     reference = lockstep_reference(1)[:4000]
     push = 0.2 * np.sin(0.01 * np.arange(4000))[:, None] * np.ones(3)
@@ -76,9 +76,11 @@ def test_every_effect_changes_the_session(effect):
 def test_friction_brakes_at_any_amplitude(effect, joint):
     # what is lost of friction cannot be more than there is
     own = f"{effect}/{joint + 1}/"
-    most = max(max(a) for name, a in amplitudes.table("tuning").items() if name.startswith(own))
+    most = max(
+        max(a) for name, a in amplitudes.amplitude_table("tuning").items() if name.startswith(own)
+    )
     row = {"effect": effect, "joint": joint, "amplitude": most}
-    p = session.plant([row], "white", locked=False)[0]
+    p = session.plant_record([row], "white", locked=False)[0]
     x = session.start(p, np.zeros(3))
     for side in (-1.0, 1.0):
         x["vm"][0, joint], x["sm"][0, joint] = side, side

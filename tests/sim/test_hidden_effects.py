@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from hil.errors import ConfigError
 from hil.record.mcap_read import load
 from hil.rig.config import load_rig
-from hil.runtime.runner import run
-from hil.sim_devices.plants.build import HIDDEN, RANDOM, choose
+from hil.runtime.runner import run_session
+from hil.sim_devices.plants.build import HIDDEN_KINDS, RANDOM, draw_hidden
 
 RIGS = Path(__file__).parents[2] / "rigs"
 
@@ -19,7 +19,7 @@ RIGS = Path(__file__).parents[2] / "rigs"
 def recording(tmp_path, hidden, seconds=1.2, **simulation):
     over = {"simulation": {"hidden": hidden, **simulation}}
     path = tmp_path / "s.mcap"
-    run(load_rig(RIGS / "identify.toml", over), seconds, seed=4, output=path)
+    run_session(load_rig(RIGS / "identify.toml", over), seconds, seed=4, output=path)
     return load(path, "follower")
 
 
@@ -28,7 +28,7 @@ def nominal(tmp_path_factory):
     return recording(tmp_path_factory.mktemp("nominal"), [])
 
 
-@pytest.mark.parametrize("effect", sorted(HIDDEN))
+@pytest.mark.parametrize("effect", sorted(HIDDEN_KINDS))
 def test_each_effect_changes_the_session(effect, nominal, tmp_path):
     row = {"effect": effect, "joint": "all", "amplitude": 1.0 if effect == "delay" else 2.0}
     if effect == "end-stop":
@@ -45,8 +45,8 @@ def test_amplitude_zero_changes_nothing(nominal, tmp_path):
 
 def test_random_depends_on_its_seed_alone():
     rows = [{"effect": "random"}]
-    picks = [choose(rows, ["leader", "follower"], seed)[0] for seed in range(40)]
-    assert picks[3] == choose(rows, ["leader", "follower"], 3)[0]
+    picks = [draw_hidden(rows, ["leader", "follower"], seed)[0] for seed in range(40)]
+    assert picks[3] == draw_hidden(rows, ["leader", "follower"], 3)[0]
     assert {row["arm"] for row in picks} == {"follower"}
     assert len({row["effect"] for row in picks}) > len(RANDOM) / 2
     assert len({row["joint"] for row in picks}) == 3
@@ -75,7 +75,7 @@ def _text(data):
 def test_the_session_does_not_betray_the_truth(tmp_path):
     path = tmp_path / "s.mcap"
     over = {"simulation": {"hidden": [{"effect": "stribeck", "joint": "joint2"}]}}
-    run(load_rig(RIGS / "identify.toml", over), 0.05, seed=1, output=path)
+    run_session(load_rig(RIGS / "identify.toml", over), 0.05, seed=1, output=path)
     with path.open("rb") as file:
         reader = make_reader(file)
         texts = [str(m.metadata) for m in reader.iter_metadata()]

@@ -13,7 +13,7 @@ from hil.rigs import rig_path
 from hil.signals.settable import ArmDescription
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.joints import motion
-from hil.sim_devices.joints.bench import HIDDEN
+from hil.sim_devices.joints.bench import HIDDEN_FIELDS
 
 URDF = rig_path("arm6").with_name("arm6.urdf").read_text()
 JOINTS = ("base_turn", "shoulder_lift", "elbow", "wrist_roll", "wrist_pitch", "wrist_turn")
@@ -41,9 +41,9 @@ def told(urdf, gravity):
 @pytest.mark.parametrize("gravity", ["", "0 0 9.81", "0 0 0", "-6.1 3 -7"])
 @pytest.mark.parametrize(("urdf", "joints"), [(URDF, JOINTS), (SLIDE, ("rail", "wrist"))])
 def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, joints, gravity):
-    pull = motion.pull_of(told(urdf, gravity) if gravity else urdf)
+    pull = motion.described_gravity(told(urdf, gravity) if gravity else urdf)
     monkeypatch.setattr(motion, "_off", lambda rng, size: np.ones(size))
-    built, d = motion.read(urdf, joints, 0), len(joints)
+    built, d = motion.arm_of_urdf(urdf, joints, 0), len(joints)
     fields = tuple(getattr(built, f) for f in built.__dataclass_fields__)
     # an unlimited joint is a pair of cosine and sine there
     model = pin.buildModelFromXML(urdf.replace("continuous", "revolute"))
@@ -53,14 +53,14 @@ def test_accelerations_are_those_of_an_independent_library(monkeypatch, urdf, jo
     said = [float(x) for x in gravity.split()] if gravity else [0.0, 0.0, -9.80665]
     model.gravity.linear = np.array(said)
     out = np.zeros(d)
-    motion.accelerations(fields, rotor, pull, q, v, tau, motion.scratch(d), out)
+    motion.accelerations(fields, rotor, pull, q, v, tau, motion.motion_scratch(d), out)
     assert np.allclose(out, pin.aba(model, model.createData(), q, v, tau), rtol=1e-10, atol=1e-10)
 
 
 def test_every_body_is_off_the_file_and_the_same_for_a_seed():
-    arm = motion.read(URDF, JOINTS, 3)
-    assert np.array_equal(arm.inertia, motion.read(URDF, JOINTS, 3).inertia)
-    assert not np.array_equal(arm.inertia, motion.read(URDF, JOINTS, 4).inertia)
+    arm = motion.arm_of_urdf(URDF, JOINTS, 3)
+    assert np.array_equal(arm.inertia, motion.arm_of_urdf(URDF, JOINTS, 3).inertia)
+    assert not np.array_equal(arm.inertia, motion.arm_of_urdf(URDF, JOINTS, 4).inertia)
     model = pin.buildModelFromXML(URDF)
     mass = arm.inertia[:, 5, 5]
     off = np.abs(mass / [i.mass for i in model.inertias.tolist()[1:]] - 1)
@@ -87,7 +87,7 @@ def test_a_session_is_the_same_for_a_seed_and_another_one_for_another():
     assert not np.array_equal(run(5), run(5, truth=1))
 
 
-@pytest.mark.parametrize("effect", sorted(HIDDEN))
+@pytest.mark.parametrize("effect", sorted(HIDDEN_FIELDS))
 def test_a_hidden_effect_changes_the_motion(effect):
     hidden = [{"effect": effect, "joint": "wrist_roll"}]
     assert not np.array_equal(run(5), run(5, hidden))
@@ -147,7 +147,7 @@ def test_an_arm_that_nothing_touches_needs_no_laws_of_touch():
         "import test_joint_arm as t\n"
         "from hil.sim_devices.joints import motion, touch\n"
         "t.run(5)\n"
-        "assert motion.run.signatures and not touch.act.signatures\n"
+        "assert motion.run_arm.signatures and not touch.apply_touch.signatures\n"
     )
     path = str(Path(__file__).parent)
     done = subprocess.run(

@@ -13,7 +13,7 @@ pytest.importorskip("mujoco", reason="the test plants need MuJoCo (extra 'mujoco
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
 from hil.sim_devices.mujoco_plants import describe, session
-from hil.sim_devices.mujoco_plants.laws import Place
+from hil.sim_devices.mujoco_plants.laws import EffectPlace
 from hil.sim_devices.mujoco_plants.robots import ROBOTS
 from hil.sim_devices.mujoco_plants.session import NAMES
 
@@ -113,7 +113,7 @@ def test_rows_can_be_lost():
 
 def test_a_load_that_is_picked_up_is_the_load_that_hangs_there():
     robot = ROBOTS["elbow3"]
-    place = Place(robot, 0, 5.0, np.random.default_rng(0))
+    place = EffectPlace(robot, 0, 5.0, np.random.default_rng(0))
     hung = session.Plant(robot, [{"effect": "payload", "joint": 0, "amplitude": 5.0}], 0)
     taken = session.Plant(robot, [], 0)
     session.pick_up(taken.model, place)(np.inf)

@@ -34,8 +34,8 @@ def precise(x):
 
 
 def test_rigid_bodies_and_drives_are_off_the_published_ones():
-    facts = truth.load("nominal")
-    arm = np.zeros(1, truth.ARM)
+    facts = truth.load_truth("nominal")
+    arm = np.zeros(1, truth.ARM_DTYPE)
     truth._bodies(arm, facts)
     p = arm[0]
     bodies = np.concatenate([p["m11"], [p["m22"], p["m33"]]])

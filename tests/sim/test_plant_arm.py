@@ -5,18 +5,18 @@ import pinocchio as pin
 import pytest
 
 from hil.sim_devices.plants import truth, world
-from hil.sim_devices.plants.layout import GEL, NOISES, OPERATOR, STATE
+from hil.sim_devices.plants.layout import ARM_STATE_DTYPE, GEL_DTYPE, NOISES, OPERATOR
 
 ROWS = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 1], [0, 0, 1], [0, 1, -1]], float)
 
 
 def parameters():
-    return truth.arm(truth.load("nominal"), "nano17", np.zeros((6, 6)))
+    return truth.arm_record(truth.load_truth("nominal"), "nano17", np.zeros((6, 6)))
 
 
 def tree():
     """The parallelogram as an open tree (joint angles = ROWS @ theta)."""
-    facts = truth.load("nominal")
+    facts = truth.load_truth("nominal")
     geo, mass, inertia = facts["geometry"], facts["masses"], facts["inertias"]
     model = pin.Model()
     pitch = np.array([0.0, -1.0, 0.0])
@@ -49,7 +49,7 @@ def tree():
 
 
 def test_accelerations_agree_with_pinocchio():
-    model, p, x = tree(), parameters(), np.zeros(1, STATE)
+    model, p, x = tree(), parameters(), np.zeros(1, ARM_STATE_DTYPE)
     data, rng = model.createData(), np.random.default_rng(0)
     for _ in range(50):
         q, v, torque = rng.uniform(-1, 1, 3), rng.uniform(-3, 3, 3), rng.uniform(-0.2, 0.2, 3)
@@ -61,19 +61,19 @@ def test_accelerations_agree_with_pinocchio():
 
 
 def test_tip_velocity_is_the_rate_of_the_tip_and_force_does_its_power():
-    p, x, h = parameters(), np.zeros(1, STATE), 1e-6
+    p, x, h = parameters(), np.zeros(1, ARM_STATE_DTYPE), 1e-6
     rng = np.random.default_rng(1)
     for _ in range(20):
         q, v, force = rng.uniform(-1, 1, (3, 3))
         tips = []
         for sign in (-1, 1):
             x["q"][0], x["v"][0] = q + sign * h * v, v
-            world.tip(p[0], x[0])
+            world.tip_state(p[0], x[0])
             tips.append(x["tip"][0].copy())
         np.testing.assert_allclose(x["tip_v"][0], (tips[1] - tips[0]) / (2 * h), atol=1e-6)
         # J^T f: change of the momentum M dv along v equals f . tip velocity
         x["q"][0], x["v"][0] = q, v
-        world.tip(p[0], x[0])
+        world.tip_state(p[0], x[0])
         power = force @ x["tip_v"][0]
         jumps = []
         for f in (force, np.zeros(3)):
@@ -100,7 +100,7 @@ def energy(p, x):
 
 @pytest.mark.parametrize(("substeps", "tolerance"), [(16, 3e-3), (128, 4e-4)])
 def test_without_friction_energy_stays(substeps, tolerance):
-    p, x = parameters(), np.zeros(1, STATE)
+    p, x = parameters(), np.zeros(1, ARM_STATE_DTYPE)
     for name in (
         "coulomb_motor",
         "coulomb_link",
@@ -113,14 +113,14 @@ def test_without_friction_energy_stays(substeps, tolerance):
         p[name] = 0.0
     x["q"], x["qm"] = [0.2, 0.4, 0.3], [0.2, 0.4, 0.3]
     x["v"], x["vm"] = [3.0, 1.0, -1.0], [3.0, 1.0, -1.0]
-    gel, hand = np.zeros(1, GEL), np.zeros(1, OPERATOR)
+    gel, hand = np.zeros(1, GEL_DTYPE), np.zeros(1, OPERATOR)
     hand["onset"] = gel["relaxation"] = 1.0
     start, worst = energy(p, x), 0.0
     kinetic = 0.5 * (p["rotor"][0] * x["vm"][0] ** 2).sum()
     kinetic += 0.5 * x["v"][0] @ mass_matrix(p, x["q"][0]) @ x["v"][0]
     words = np.zeros((1, 3), np.int64), np.zeros((1, 6), np.int64)
     for tick in range(500):
-        world.run(
+        world.run_plant(
             p,
             x,
             hand,

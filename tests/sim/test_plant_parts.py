@@ -5,7 +5,7 @@ import pytest
 
 from hil.sim_devices.bench import open_bench
 from hil.sim_devices.plants import world
-from hil.sim_devices.plants.layout import ELEMENTS, GEL, STATE
+from hil.sim_devices.plants.layout import ARM_STATE_DTYPE, ELEMENTS, GEL_DTYPE
 
 ARMS = {"leader": "nano25", "follower": "nano17"}
 
@@ -30,13 +30,13 @@ def test_nested_elements_remember():
 
 
 def test_a_bolt_stiffens_the_gel_above_it_and_its_flank_makes_no_energy():
-    gel, x = np.zeros(1, GEL), np.zeros(1, STATE)
+    gel, x = np.zeros(1, GEL_DTYPE), np.zeros(1, ARM_STATE_DTYPE)
     gel["stiffness"], gel["power"], gel["relaxation"], gel["on"] = 250.0, 1.3, 1.0, 1
     gel["bolt"], gel["bolt_y"], gel["bolt_width"] = 1.5, 0.01, 0.007
 
     def pushed(y, z):
         x["tip"][0], x["force"] = (0.0, y, z), 0.0
-        world.press(gel[0], x[0], 1e-6)
+        world.press_gel(gel[0], x[0], 1e-6)
         return x["force"][0].copy()
 
     above, beside = pushed(0.01, -0.005), pushed(0.05, -0.005)
@@ -65,7 +65,7 @@ def test_a_bolt_that_cannot_be_is_refused(bolt, said):
 
 
 def test_gel_pushes_only_and_dissipates():
-    gel, x = np.zeros(1, GEL), np.zeros(1, STATE)
+    gel, x = np.zeros(1, GEL_DTYPE), np.zeros(1, ARM_STATE_DTYPE)
     gel["stiffness"], gel["power"], gel["damping"] = 700.0, 1.3, 0.8
     gel["branch"], gel["relaxation"], gel["on"] = 60.0, 1.0, 1
     work, dt = 0.0, 1e-4
@@ -73,7 +73,7 @@ def test_gel_pushes_only_and_dissipates():
         x["tip"][0, 2] = -0.005 * np.sin(2 * np.pi * t)
         x["tip_v"][0, 2] = -0.01 * np.pi * np.cos(2 * np.pi * t)
         x["force"] = 0.0
-        world.press(gel[0], x[0], dt)
+        world.press_gel(gel[0], x[0], dt)
         assert x["force"][0, 2] >= 0.0
         work += x["force"][0, 2] * x["tip_v"][0, 2] * dt
     assert work < -1e-6

@@ -95,7 +95,7 @@ def test_a_rig_file_gives_an_arm_bad_encoders(backend, tmp_path):
         off = {"stiffness": [0.0] * 3, "damping": [0.0] * 3}
         over["controller"] = {"parameters": off}
         config = load_rig(RIG, {"backend": backend, "devices": force, **over})
-        runner.run(config, 0.4, seed=2, output=tmp_path / name)
+        runner.run_session(config, 0.4, seed=2, output=tmp_path / name)
         _, words = read_fields(tmp_path / name, "/rig/raw")
         return {arm: words[f"{arm}_count2"] for arm in ("leader", "follower")}
 

@@ -50,7 +50,7 @@ def picks(constant="2.0", **more):
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(consent.VARIABLE, str(tmp_path / "state"))
+    monkeypatch.setenv(consent.STATE_VARIABLE, str(tmp_path / "state"))
     return tmp_path
 
 
@@ -150,7 +150,7 @@ def test_an_error_says_what_to_do_on_the_page(here):
     }
     for said, (table, verb, given) in asked.items():
         words = given if verb == "open" else {"picks": json.dumps(given)}
-        data, text = worker.answer(StudioSession(table=table), verb, words)
+        data, text = worker.answer_request(StudioSession(table=table), verb, words)
         assert data is None and said in text, text
         for word in ("hil ", " map", "--", "[table]", "rate_hz"):
             assert word not in text, text
@@ -159,7 +159,7 @@ def test_an_error_says_what_to_do_on_the_page(here):
 def test_every_topic_of_an_error_has_an_advice_on_the_page():
     source = "".join(p.read_text() for p in Path(intake.__file__).parents[1].rglob("*.py"))
     topics = set(re.findall(r"""\.about\((?:"time" if .* else )?"([a-z]+)",""", source))
-    assert topics | {"time"} == intake.ADVICE.keys()
+    assert topics | {"time"} == intake.PAGE_ADVICE.keys()
 
 
 def test_two_columns_for_one_thing_are_refused():
@@ -331,7 +331,7 @@ def wrong(line):
 def test_an_error_of_an_own_effect_names_its_file_and_line(begun, text, said):
     session, _ = begun
     given = {"path": "my_effects.py", "text": text, "agreed": "yes"}
-    answer = worker.answer(session, "learn", given)
+    answer = worker.answer_request(session, "learn", given)
     assert answer[0] is None and said in answer[1]
     for word in ("/tmp", "hil_plugin", "(<", "Error("):
         assert word not in answer[1]
@@ -341,7 +341,7 @@ def test_an_own_effect_that_another_file_defines_is_said_with_that_file(begun):
     session, _ = begun
     given = {"text": TEMPLATE, "agreed": "yes"}
     session.ask("learn", given | {"path": "first.py"})
-    _, said = worker.answer(session, "learn", given | {"path": "second.py"})
+    _, said = worker.answer_request(session, "learn", given | {"path": "second.py"})
     assert said == (
         "effect 'eyelet-drag' of second.py is already defined in first.py; give it another name"
     )

@@ -11,10 +11,10 @@ from pathlib import Path
 import plants
 import pytest
 
-from hil.commands.studio import application
+from hil.commands.studio import studio_application
 from hil.errors import ConfigError
 from hil.record.export import write_recordings
-from hil.web.site import LARGEST, POLICY, Hosts
+from hil.web.site import LARGEST_REQUEST, POLICY, Hosts
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
 TOKEN = "secret"
@@ -42,7 +42,7 @@ class Worker:
 @pytest.fixture
 def page():
     worker = Worker()
-    app = application(worker, TOKEN, Hosts("testserver"))
+    app = studio_application(worker, TOKEN, Hosts("testserver"))
     return TestClient(app), worker
 
 
@@ -97,7 +97,7 @@ def test_requests_of_others_are_refused(page):
     ("body", "status"),
     [(b"", 400), (b"[1]", 400), (b"{", 400), (b'{"verb": 3}', 400), (b"\xff", 400),
      (b'{"verb": "kill"}', 400), (b"[" * 60_000, 400), (b'{"verb": "\\ud800"}', 400),
-     (b'{"verb": "undo", "at": "\\udfff"}', 400), (b"x" * (LARGEST + 1), 413)],
+     (b'{"verb": "undo", "at": "\\udfff"}', 400), (b"x" * (LARGEST_REQUEST + 1), 413)],
 )  # fmt: skip
 def test_what_is_no_request_is_said(page, body, status):
     client, worker = page
@@ -109,7 +109,7 @@ def test_what_is_no_request_is_said(page, body, status):
 @pytest.mark.parametrize("place", ["/api/ask", "/api/file"])
 def test_a_browser_that_leaves_within_a_request_leaves_no_trace(place, tmp_path):
     worker, sent = Worker(), []
-    app = application(worker, TOKEN, Hosts("testserver"), tmp_path)
+    app = studio_application(worker, TOKEN, Hosts("testserver"), tmp_path)
     parts = [{"type": "http.request", "body": b"{", "more_body": True}, {"type": "http.disconnect"}]
 
     async def receive():
@@ -128,7 +128,7 @@ def test_a_browser_that_leaves_within_a_request_leaves_no_trace(place, tmp_path)
 
 @pytest.fixture
 def drop(tmp_path):
-    client = TestClient(application(Worker(), TOKEN, Hosts("testserver"), tmp_path))
+    client = TestClient(studio_application(Worker(), TOKEN, Hosts("testserver"), tmp_path))
 
     def send(name, content, token=TOKEN):
         head = {"X-Hil-Token": token}

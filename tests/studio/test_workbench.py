@@ -20,7 +20,7 @@ from hil.report.effects import PAIRS, POINTS
 from hil.studio import workbench
 from hil.studio import worker as worker_module
 from hil.studio.workbench import VERBS, Inputs, Workbench
-from hil.studio.worker import BenchState, StudioSession, Worker, _kept, checked
+from hil.studio.worker import BenchState, StudioSession, Worker, _kept, checked_request
 
 
 def inputs():
@@ -344,12 +344,12 @@ def test_a_path_that_cannot_be_is_a_sentence_and_the_models_stay(tmp_path, monke
 
 
 def test_requests_are_checked_before_they_reach_the_bench():
-    assert checked("add", {"effect": "stribeck", "joint": ""})["joint"] == ""
+    assert checked_request("add", {"effect": "stribeck", "joint": ""})["joint"] == ""
     for verb, given in (("__init__", {}), ("add", {"effect": "x"}), ("undo", {"n": "1"})):
         with pytest.raises(ConfigError):
-            checked(verb, given)
+            checked_request(verb, given)
     with pytest.raises(ConfigError, match="as text"):
-        checked("save", {"path": 3})
+        checked_request("save", {"path": 3})
     assert all(hasattr(Workbench, verb) for verb in VERBS)
 
 

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def report() -> identify.Report:
-    return identify.run(seconds=6.0, repeats=1, lengths=(6.0,))
+    return identify.run_benchmark(seconds=6.0, repeats=1, lengths=(6.0,))
 
 
 def test_parameters_predict_the_other_motion_down_to_the_noise(report: identify.Report) -> None:
@@ -25,7 +25,7 @@ def test_parameters_predict_the_other_motion_down_to_the_noise(report: identify.
 
 
 def test_json_contract(report: identify.Report) -> None:
-    out = json.loads(json.dumps(identify.data(report), allow_nan=False))
+    out = json.loads(json.dumps(identify.report_data(report), allow_nan=False))
     assert {"machine", "recorded_s", "repeats", "rows", "lengths"} == set(out)
     assert {"peer", "data", "seconds", "wall", "ratio", "floor", "note"} == set(out["rows"][0])
     keys = {"recorded", "data", "seconds", "wall", "peak_mib", "verdict", "joints"}
@@ -45,12 +45,12 @@ def test_a_missing_peer_is_said_and_no_error(report: identify.Report) -> None:
 
 
 def test_data_are_the_same_every_time() -> None:
-    a, b = (identify.simulate(1.0, 3, True) for _ in range(2))
+    a, b = (identify.simulate_run(1.0, 3, True) for _ in range(2))
     np.testing.assert_array_equal(a.tau, b.tau)
-    plain = identify.simulate(1.0, 3, False)
+    plain = identify.simulate_run(1.0, 3, False)
     np.testing.assert_array_equal(a.q, plain.q)
     # the missing effect is at most half of Coulomb friction
-    assert np.all(np.abs(a.tau - plain.tau) <= identify.PEAK * identify.THREE.fc + 1e-12)
+    assert np.all(np.abs(a.tau - plain.tau) <= identify.PEAK * identify.THREE_JOINT_ARM.fc + 1e-12)
 
 
 def test_page_says_which_goals_hold():

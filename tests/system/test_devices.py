@@ -18,7 +18,7 @@ from hil.record.mcap_read import load
 from hil.rig import boxes
 from hil.rig.config import load_rig
 from hil.rig.open import bench_of
-from hil.runtime.runner import run
+from hil.runtime.runner import run_session
 from hil.signals.bus import Bus
 from hil.sim_devices import bench as bench_module
 from hil.sim_devices.hid.module import SimHid
@@ -81,7 +81,7 @@ def test_without_a_rig_the_real_libraries_are_asked(capsys):
 def test_a_session_over_boxes_is_that_over_ideal_wires(tmp_path):
     paths = [tmp_path / "ideal.mcap", tmp_path / "wire.mcap"]
     for path, over in zip(paths, ({}, WIRE), strict=True):
-        run(load_rig(RIGS / "identify.toml", over), 2.0, seed=3, output=path)
+        run_session(load_rig(RIGS / "identify.toml", over), 2.0, seed=3, output=path)
     ideal, wire = (load(path, "leader") for path in paths)
     # 0.4 ms of age at up to 2.5 rad/s, and a millisecond more to the motors
     assert np.abs(ideal.q - wire.q).max() < 3e-3
@@ -92,7 +92,7 @@ def test_a_session_over_boxes_is_that_over_ideal_wires(tmp_path):
 def test_sessions_over_boxes_repeat_to_the_byte(tmp_path):
     paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     for path in paths:
-        run(load_rig(RIGS / "identify.toml", WIRE), 0.5, seed=3, output=path)
+        run_session(load_rig(RIGS / "identify.toml", WIRE), 0.5, seed=3, output=path)
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
@@ -107,7 +107,7 @@ def test_a_box_that_is_pulled_out_stops_the_session(tmp_path, monkeypatch, box, 
 
     monkeypatch.setattr(bench_module.Bench, "advance", advance)
     with pytest.raises(DeviceError, match=f"{box}.*{says}") as caught:
-        run(load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap")
+        run_session(load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap")
     assert "holds what was recorded" in str(caught.value)
     assert 100 < load(tmp_path / "s.mcap", "leader").n < 700
 
@@ -134,7 +134,9 @@ def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatc
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap", progress=stop)
+        run_session(
+            load_rig(RIGS / "identify.toml", WIRE), 2.0, output=tmp_path / "s.mcap", progress=stop
+        )
     boxes = seen[-1].wired.boxes
     volts = [b.volts[0] for name, b in boxes.items() if "motor" in name]
     assert len(volts) == 6
@@ -162,16 +164,16 @@ def test_every_motor_gets_zero_when_a_session_is_broken_off(tmp_path, monkeypatc
 def test_mistakes_in_the_wiring_are_named(tmp_path, change, says):
     path = rig_file(tmp_path, "sim-wire", change)
     with pytest.raises(ConfigError, match=says.replace("(", r"\(")):
-        run(load_rig(path), 0.1, output=tmp_path / "s.mcap")
+        run_session(load_rig(path), 0.1, output=tmp_path / "s.mcap")
 
 
 def test_the_plan_of_the_cables():
     config = load_rig(RIGS / "identify.toml", WIRE)
-    plan = boxes.plan(config)
+    plan = boxes.wiring_plan(config)
     assert plan["follower-motor3"]["cables"] == [(0, "motors", "follower", 2, 1)]
     assert [c[0] for c in plan["encoders"]["cables"]] == [0, 1, 2, 3, 4, 5]
     assert bench_of(config, 0) is not None
-    assert boxes.plan(load_rig(RIGS / "identify.toml")) == {}
+    assert boxes.wiring_plan(load_rig(RIGS / "identify.toml")) == {}
 
 
 def test_boxes_that_may_not_be_opened_say_what_to_do(monkeypatch, capsys):

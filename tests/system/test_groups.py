@@ -15,7 +15,7 @@ from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
 from hil.commands import common, diagnose, groups
 from hil.errors import ConfigError, DataError
-from hil.experiments.replicate import LostRun, Where, where
+from hil.experiments.replicate import LostRun, Where, computer
 from hil.models import catalogue
 from hil.record.export import write_recordings
 from hil.record.sources import RobotName
@@ -88,7 +88,7 @@ def test_what_is_kept_is_not_diagnosed_again_and_a_bad_session_is_a_row(
     folder, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(groups, "made_by", lambda: "a")
-    monkeypatch.setattr(diagnose, "answer", told)
+    monkeypatch.setattr(diagnose, "group_answer", told)
     (tmp_path / "s").mkdir()
     for name in ("a", "b"):
         path = tmp_path / "s" / f"{name}.mcap"
@@ -124,10 +124,10 @@ def words_of(folder, **more) -> object:
 def test_a_session_that_loses_its_process_is_a_row(folder, capsys, monkeypatch):
     monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, told(jobs[0][1]))])
     args = words_of(folder / "monday")
-    assert groups.run(args, groups.groups(args), told) == 0
+    assert groups.run_groups(args, groups.session_groups(args), told) == 0
     assert "stribeck on joint1" in capsys.readouterr().out
     monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, LostRun())])
-    assert groups.run(args, groups.groups(args), told) == 2
+    assert groups.run_groups(args, groups.session_groups(args), told) == 2
     assert "it ended its process 3 times" in capsys.readouterr().out
 
 
@@ -178,11 +178,11 @@ def test_options_that_cannot_be_meant(words, said, folder, capsys, monkeypatch):
 
 def test_a_held_out_session_goes_to_its_robot(folder, tmp_path):
     write_recordings(tmp_path / "h.mcap", [plants.smooth_axis(4, 8.0, 200.0)])
-    found = groups.groups(words_of(folder, by="robot", holdout=[str(tmp_path / "h.mcap")]))
+    found = groups.session_groups(words_of(folder, by="robot", holdout=[str(tmp_path / "h.mcap")]))
     assert [len(g.holdout) for g in found] == [1, 0]
     lone = words_of(folder / "tuesday" / "other.mcap", holdout=[str(tmp_path / "h.mcap")])
     with pytest.raises(ConfigError, match="no session to fit is of that robot"):
-        groups.groups(lone)
+        groups.session_groups(lone)
 
 
 # --- the benchmarks --------------------------------------------------------------------------
@@ -194,7 +194,7 @@ def case_row(case: RealCase) -> RealRow:
     return RealRow(case.name, case.kind, case.complete, ["a"], [False], script, ours, 50.0)
 
 
-def nothing() -> real.Split:
+def nothing() -> real.SessionSplit:
     return [], []
 
 
@@ -205,11 +205,11 @@ def lacks(case: RealCase) -> RealRow:
 @pytest.mark.slow
 def test_real_recordings_on_a_cluster_give_the_rows_of_this_machine(cluster):
     todo = [RealCase(name, "drive", nothing) for name in "ab"]
-    far = sorted(real.run(todo, Where(cluster=cluster), case_row), key=lambda r: r.case)
+    far = sorted(real.examine_cases(todo, Where(cluster=cluster), case_row), key=lambda r: r.case)
     assert far == [case_row(c) for c in todo]
     assert [real.from_data(json.loads(json.dumps(real.to_data(r)))) for r in far] == far
     with pytest.raises(DataError, match="get it from there"):
-        list(real.run(todo, Where(cluster=cluster), lacks))
+        list(real.examine_cases(todo, Where(cluster=cluster), lacks))
 
 
 def judged(case):
@@ -217,21 +217,21 @@ def judged(case):
 
 
 def test_cases_of_the_diagnosis_on_a_cluster_give_the_rows_of_this_machine(cluster, tmp_path):
-    todo = cases.plan(True, 1)[:4]
+    todo = cases.rig_plan(True, 1)[:4]
     rows = [
-        runner.run(todo, where, tmp_path / f"{k}.jsonl", judged)
+        runner.run_cases(todo, where, tmp_path / f"{k}.jsonl", judged)
         for k, where in enumerate((Where(), Where(cluster=cluster)))
     ]
     assert rows[0] == rows[1]
-    assert runner.run(todo, Where(), tmp_path / "1.jsonl", None) == rows[0]  # resumed
+    assert runner.run_cases(todo, Where(), tmp_path / "1.jsonl", None) == rows[0]  # resumed
 
 
 def test_real_recordings_are_resumed(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(real, "run", lambda todo, where: map(case_row, todo))
+    monkeypatch.setattr(real, "examine_cases", lambda todo, where: map(case_row, todo))
     words = ["bench", "real", "--only", "a_spring", "--resume", str(tmp_path / "r.jsonl")]
     assert main(words) == 0
     first = capsys.readouterr().out
-    monkeypatch.setattr(real, "run", lambda todo, where: map(lacks, todo))
+    monkeypatch.setattr(real, "examine_cases", lambda todo, where: map(lacks, todo))
     assert main(words) == 0
     assert capsys.readouterr().out == first
 
@@ -239,4 +239,4 @@ def test_real_recordings_are_resumed(tmp_path, monkeypatch, capsys):
 def test_workers_have_one_name_everywhere():
     parser = argparse.ArgumentParser()
     common.add_workers(parser, " (x)", "--jobs")
-    assert where(parser.parse_args(["--jobs", "3"])) == Where(3, "")
+    assert computer(parser.parse_args(["--jobs", "3"])) == Where(3, "")

@@ -23,14 +23,14 @@ CASES = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "joint"), CASES)
 def test_hidden_effect_is_named(tmp_path, effect, joint):
-    found = hidden.case(rig_path("identify"), tmp_path, effect, joint, seed=4, length=12.0)
+    found = hidden.hidden_case(rig_path("identify"), tmp_path, effect, joint, seed=4, length=12.0)
     assert found.right, found
     assert found.after < 1.25
 
 
 def test_outside_effect_gets_no_name(tmp_path):
     rig, effect = rig_path("identify"), "outside-speed-product"
-    path = hidden.session(rig, tmp_path, 5, 5, effect, "joint2", seconds=12.0)
+    path = hidden.identification_session(rig, tmp_path, 5, 5, effect, "joint2", seconds=12.0)
     from hil.diagnosis.engine import diagnose
     from hil.models.model import base_model
     from hil.record.mcap_read import load
@@ -41,13 +41,15 @@ def test_outside_effect_gets_no_name(tmp_path):
 
 def test_session_carries_no_trace_of_what_is_hidden(tmp_path):
     rig = rig_path("identify")
-    path = hidden.session(rig, tmp_path, 1, 1, "stribeck", "joint2", seconds=2.0)
+    path = hidden.identification_session(rig, tmp_path, 1, 1, "stribeck", "joint2", seconds=2.0)
     raw = path.read_bytes()
     assert b"stribeck" not in raw and b"hidden" not in raw
 
 
 def test_demo_tells_the_whole_story(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(hidden, "session", partial(hidden.session, seconds=12.0))
+    monkeypatch.setattr(
+        hidden, "identification_session", partial(hidden.identification_session, seconds=12.0)
+    )
     assert main(["demo", "--seed", "2", "-o", str(tmp_path), "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
     assert out["verdict"] == "missing-effect"

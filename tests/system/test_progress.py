@@ -158,7 +158,7 @@ def test_a_session_says_that_it_compiles_until_its_first_tick(monkeypatch, tmp_p
         progress(5)
         heard.append(stream.getvalue())
 
-    monkeypatch.setattr(runner, "run", started)
+    monkeypatch.setattr(runner, "run_session", started)
     words = ["run", "teleop", "-o", str(tmp_path / "s.mcap"), "--clock", "lockstep"]
     args = _arguments(words)
     command._with_bar(load_rig("teleop", {}), args)

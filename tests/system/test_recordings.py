@@ -42,8 +42,8 @@ def test_emps_refined_on_its_first_record_runs_freely_through_the_other():
 @pytest.mark.slow
 def test_foam_law_is_found_and_halves_the_error():
     found = [recordings.contact(r) for r in recordings.contact_runs("foam")]
-    assert recordings.median([c.spring for c in found]) > 30
-    assert recordings.median([c.final for c in found]) < 17.5
+    assert recordings._median_of([c.spring for c in found]) > 30
+    assert recordings._median_of([c.final for c in found]) < 17.5
     assert {"contact-damping", "contact-hysteresis"} <= {n for c in found for n in c.named}
 
 

@@ -34,12 +34,14 @@ SNAPSHOT = {
 
 
 def words(snapshot):
-    return ["".join(text for _, text in row) for row in screen.lines(snapshot)]
+    return ["".join(text for _, text in row) for row in screen.screen_lines(snapshot)]
 
 
 def styles(snapshot):
     """Style of each text that has one."""
-    return {text.strip(): style for row in screen.lines(snapshot) for style, text in row if style}
+    return {
+        text.strip(): style for row in screen.screen_lines(snapshot) for style, text in row if style
+    }
 
 
 def test_state_forces_tracking_loop_and_record_have_a_line_each():
@@ -84,7 +86,7 @@ def test_words_are_completed(typed, offered):
 
 
 def test_help_tells_commands_and_ranges():
-    text = screen.usage(SNAPSHOT)
+    text = screen.command_lines(SNAPSHOT)
     assert "  pause" in text
     assert "  set force_scale: 0 to 2" in text
 
@@ -119,7 +121,7 @@ def test_lines_reach_the_session_and_every_ending_prints_its_summary(monkeypatch
     monkeypatch.setattr(screen, "SessionProgram", lambda w: made.append(Program(w)) or made[0])
     with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
         keys.send_text("pause\rhelp\r" + last)
-        assert screen.show(["teleop", "-o", "s.mcap"]) == 4
+        assert screen.run_behind_screen(["teleop", "-o", "s.mcap"]) == 4
     (program,) = made
     assert program.words == ["teleop", "-o", "s.mcap"]
     assert program.heard[0] == "pause"
@@ -140,5 +142,5 @@ def test_a_session_that_ends_by_itself_leaves_the_line(monkeypatch, capsys):
 
     monkeypatch.setattr(screen, "SessionProgram", Ended)
     with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-        assert screen.show([]) == 0
+        assert screen.run_behind_screen([]) == 0
     assert "session  s.mcap" in capsys.readouterr().out

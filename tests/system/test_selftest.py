@@ -23,14 +23,14 @@ def steps(over=None, torque=0.1, allowed=lambda: True):
 
 def recabled(monkeypatch, change):
     """Cable the simulated boxes otherwise than the rig file says."""
-    real = boxes.plan
+    real = boxes.wiring_plan
 
     def plan(config):
         rows = real(config)
         change(rows)
         return rows
 
-    monkeypatch.setattr(boxes, "plan", plan)
+    monkeypatch.setattr(boxes, "wiring_plan", plan)
 
 
 def failed(found):

@@ -10,7 +10,7 @@ from hil.drivers.ft_sensor import FtSensorConfig, open_device
 from hil.errors import ConfigError
 from hil.record.mcap_read import summary
 from hil.record.schema import read_fields
-from hil.rig.boxes import open_boxes, plan
+from hil.rig.boxes import open_boxes, wiring_plan
 from hil.rig.config import load_rig
 from hil.rig.open import force_sensors, open_rig
 from hil.runtime import runner
@@ -21,7 +21,7 @@ RIGS = Path(__file__).parents[2] / "rigs"
 
 
 def record(path, over=None, seconds=1.0, seed=4, rig="teleop.toml"):
-    runner.run(load_rig(RIGS / rig, over), seconds, seed, output=path)
+    runner.run_session(load_rig(RIGS / rig, over), seconds, seed, output=path)
     return path
 
 
@@ -35,7 +35,7 @@ def test_forces_come_over_can_one_tick_late_in_the_base_frame():
 
     bench.after.append(hold)
     with ExitStack() as stack:
-        boxes = open_boxes(config, bench.buses(plan(config)), stack)
+        boxes = open_boxes(config, bench.buses(wiring_plan(config)), stack)
         sensor = open_device("ft", boxes["follower-ft"], FtSensorConfig(), 1e-3)
         t, before, wrench = sensor.tare(bench.now_ns), np.zeros(3), np.zeros(6)
         errors = []

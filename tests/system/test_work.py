@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil import work as module
-from hil.work import LONG, alone, in_parallel, threads
+from hil.work import LONG, in_parallel, on_one_thread, threads
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +39,7 @@ def test_where_one_is_enough_the_caller_does_it(monkeypatch, limit):
     if limit == "short":
         assert set(in_parallel(where, range(4), LONG - 1)) == {own}
     elif limit == "alone":
-        with alone():
+        with on_one_thread():
             assert set(in_parallel(where, range(4), LONG)) == {own}
         assert threads() == 2
     elif limit == "asked":

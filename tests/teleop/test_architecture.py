@@ -59,7 +59,7 @@ def test_the_theorem_and_the_hybrid_matrix_agree(name, kp, kf, master, slave, c5
     h = hybrid.hybrid(d, hybrid.jw(W))
     goal = np.array([[0, kf], [-kp, 0]])
     near = np.abs(h - goal).max() < 1e-8 * max(1.0, kp, kf)
-    assert architecture.transparent(d) == near
+    assert architecture.is_transparent(d) == near
     assert near == (name not in ("position-error", "position-force"))
 
 
@@ -111,7 +111,10 @@ def test_the_enumeration_is_what_brute_force_finds():
                 assert set(zero) == set(architecture.LOCAL) - set(used)
                 possible |= rank_of(d, 2j) == 2
             assert possible == (used in found), used
-    assert [f.channels for f in architecture.families(2)] == [("c1", "c2"), ("c3", "c4")]
+    assert [f.channels for f in architecture.families(2)] == [
+        ("c1", "c2"),
+        ("c3", "c4"),
+    ]
     assert len(architecture.families(3)) == 4
 
 
@@ -122,7 +125,7 @@ def _there(value) -> bool:
 def test_a_local_gain_replaces_a_channel():
     assert architecture.LOCAL["c4"] == ("c8", "-z_cm")
     without = architecture.named_design("three-channel-4")
-    assert without.c4.size() == 0.0 and architecture.transparent(without)
+    assert without.c4.size() == 0.0 and architecture.is_transparent(without)
 
 
 def of_control(d, zh, ze, real=REAL):

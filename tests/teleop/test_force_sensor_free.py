@@ -48,7 +48,7 @@ def test_the_acceleration_gains_are_those_of_the_thesis():
 @pytest.mark.parametrize("name", sorted(architecture.DESIGNS))
 def test_every_transparent_controller_is_singular_and_refused(name):
     d = architecture.named_design(name)
-    if not architecture.transparent(d):
+    if not architecture.is_transparent(d):
         assert force_sensor_free.transform(d).c2 == 0.0
         return
     assert d.D == pytest.approx(0.0, abs=1e-12)

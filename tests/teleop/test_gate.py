@@ -15,7 +15,7 @@ from hil.errors import ConfigError, DeviceError
 from hil.models.phantom import Premium
 from hil.models.robots import bare_robot
 from hil.record.recording import RobotSource
-from hil.rig.check import described
+from hil.rig.check import arm_description
 from hil.rig.config import load_rig
 from hil.rig.open import open_rig
 from hil.rigs import rig_path
@@ -28,7 +28,7 @@ from hil.teleop import (
     rig_designs,
     sampled_loop,
 )
-from hil.teleop.architecture import FORCE, RobotImpedance
+from hil.teleop.architecture import FORCE_GAINS, RobotImpedance
 from hil.toml import parse
 
 T = 1e-3
@@ -40,7 +40,7 @@ def law_of(name, wish, **changes):
     given = dict(RIG.controller.parameters) | changes
     base = parse(LawrenceConfig, {"c1": [0.0] * 3, "c7": [0.0] * 3} | given, "test")
     arms = rig_designs.ArmImpedances.of(base)
-    return given | law_parameters.table(rig_designs.designs(name, wish, arms))
+    return given | law_parameters.law_table(rig_designs.axis_designs(name, wish, arms))
 
 
 def loops_of(law):
@@ -67,7 +67,7 @@ def test_margins_are_those_of_the_kernels_eigenvalues(name, wish):
     for zh in loop.operators[:3]:
         for ze in loop.environments[:2]:
             one = replace(loop, operators=(zh,), environments=(ze,))
-            m = gate.margins(one, T)
+            m = gate.axis_margins(one, T)
             whole = sampled_loop.dominant_mode(one, zh, ze, T)[0]
             assert m.radius == pytest.approx(whole, abs=1e-8)
             if not 0.0 < m.delay_s < 0.04:
@@ -95,7 +95,7 @@ def test_a_delay_is_refused_for_the_shorter_ones_that_do_not_hold():
     stable = np.array(sizes) <= 1 + 1e-7
     again = np.flatnonzero(stable[1:] & ~stable[:-1])
     assert stable[0] and again.size  # not monotonic
-    assert gate.margins(one, T).delay_s < np.argmin(stable) * T
+    assert gate.axis_margins(one, T).delay_s < np.argmin(stable) * T
     late = replace(one, real=replace(loop.real, forward_s=(again[0] + 1) * T))
     with pytest.raises(ConfigError, match="beyond the margin"):
         gate.refuse([late], T)
@@ -116,11 +116,11 @@ def test_the_set_is_what_the_declared_pair_and_pose_do_not_show():
 
 def test_poses_are_the_corners_of_the_workspace():
     pose, extent = (0.0, 0.4, 0.3), (0.05, 0.06, 0.05)
-    tips = Premium(()).tip(np.array(law_parameters.poses(pose, extent)))
+    tips = Premium(()).tip(np.array(law_parameters.judged_poses(pose, extent)))
     centre = Premium(()).tip(np.array([pose]))[0]
     np.testing.assert_allclose(np.abs(tips - centre), np.tile(extent, (8, 1)), atol=1e-12)
     with pytest.raises(ConfigError, match=r"workspace: its corner .* is out of the arms' reach"):
-        law_parameters.poses(pose, (0.3, 0.3, 0.3))
+        law_parameters.judged_poses(pose, (0.3, 0.3, 0.3))
 
 
 def test_friction_counts_and_its_compensation_takes_it_away():
@@ -128,14 +128,14 @@ def test_friction_counts_and_its_compensation_takes_it_away():
     fitted = {f"j{j}.coulomb.{n}": v for j in (1, 2, 3) for n, v in (("fc", 0.02), ("v0", 0.01))}
     effects = {"leader_effects": fitted, "follower_effects": fitted}
     wish, none = pull(150.0, 0.3, share=0.8), {"friction_damping": [0.0, 0.0]}
-    bare = gate.margins(loops_of(law_of("position-force", wish, **none))[0], T)
+    bare = gate.axis_margins(loops_of(law_of("position-force", wish, **none))[0], T)
     found = []
     for share in (0.0, 0.5, 1.0):
         law = law_of("position-force", wish, **none, **effects, friction_share=share)
         loop = loops_of(law)[0]
         assert loop.friction[0] > 0.0
         assert loop.compensated[0] == pytest.approx(share / 0.9 * loop.friction[0])
-        found.append(gate.margins(loop, T))
+        found.append(gate.axis_margins(loop, T))
     assert found[0].delay_s > found[1].delay_s > bare.delay_s >= found[2].delay_s
     assert found[2].radius > 1.0 + 1e-6 >= found[0].radius
 
@@ -163,7 +163,7 @@ def test_what_passes_stays_calm_on_the_rig_and_what_diverges_is_refused(
     config = load_rig("lawrence", {"simulation": simulation})
     controller = dataclasses.replace(config.controller, parameters=law)
     try:
-        done = runner.run(
+        done = runner.run_session(
             dataclasses.replace(config, controller=controller), 2.0, 1, output=tmp_path / "s.mcap"
         )
         state = done.state
@@ -188,7 +188,7 @@ def test_the_proposed_design_works(tmp_path, capsys):
     assert written({}) == 2
     said = capsys.readouterr().err
     found = {c: [float(re.search(rf"\b{c} = (-?[\d.e-]+)", said[said.index("nearest") :])[1])]
-             for c in FORCE}  # fmt: skip
+             for c in FORCE_GAINS}  # fmt: skip
     assert written(found) == 0
     assert "may run" in capsys.readouterr().out
 
@@ -334,7 +334,7 @@ def coupled(**law):
     config = load_rig("surgical", {"controller": {"parameters": law}})
     own = parse(cartesian.CartesianCouplingConfig, config.controller.parameters, "test")
     arms = config.controller.arms
-    return cartesian.margin(own, arms, T, tuple(described(config.arms[a]) for a in arms))
+    return cartesian.margin(own, arms, T, tuple(arm_description(config.arms[a]) for a in arms))
 
 
 #: Two arms of six joints, their rotors, and where the gate finds the worst of them.
@@ -374,7 +374,7 @@ def two_arms(tmp_path, **law):
 def margin_of(path):
     config = load_rig(path)
     own = parse(joint_space.JointCouplingConfig, config.controller.parameters, "test")
-    robots = tuple(described(a) for a in config.arms.values())
+    robots = tuple(arm_description(a) for a in config.arms.values())
     return joint_space.coupling_margin(own, ("one", "two"), 2e-3, robots), own, robots
 
 
@@ -408,7 +408,7 @@ def test_a_law_of_whole_arms_that_is_judged_unstable_rings_in_the_simulator(tmp_
 
         config = load_rig("surgical", {"controller": {"parameters": {**NO_FRICTION, **law}}})
         alone = replace(config, simulation={})
-        runner.run(alone, 1.0, 1, "lockstep", tmp_path / "s.mcap", opener=opener)
+        runner.run_session(alone, 1.0, 1, "lockstep", tmp_path / "s.mcap", opener=opener)
         return max(rows[-500:])
 
     assert speeds(**stiff) > 3.0 * speeds()
@@ -529,13 +529,13 @@ def test_joint_coupling_is_asked_for_by_design_and_by_run(tmp_path, capsys):
 
 def test_weight_that_is_compensated_late_drifts_as_told_and_is_left_out():
     """Arms without rotors in the postures of the set: slow growth of T max eig(M^-1 G) at most."""
-    whole_range = described(load_rig("arm6").arms["arm"])
+    whole_range = arm_description(load_rig("arm6").arms["arm"])
     told = replace(whole_range, low=(-1.0,) * 6, high=(1.0,) * 6, center=(0.1,) * 6)
     law = joint_space.JointCouplingConfig()
     free = joint_space.JointCoupling(law, ("a", "b"), 2e-3, (told, told), judged=False)
     none = [np.zeros(6)] * 2
     whole, less = (
-        gate.coupled(free, (told, told), none, 2e-3, latest=gate.LATE, drifts=d)
+        gate.coupled(free, (told, told), none, 2e-3, latest=gate.USUAL_DELAY_TICKS, drifts=d)
         for d in (False, True)
     )
     assert whole.hz < 0.5 and np.log(whole.radius) / 2e-3 > gate.DRIFT

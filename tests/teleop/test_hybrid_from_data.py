@@ -79,13 +79,13 @@ def test_one_environment_does_not_determine_h(clean):
 
 def test_sessions_of_the_rig_show_the_predicted_matrix(tmp_path):
     """Published parameters, friction not compensated: it stays within h11."""
-    given, axes = transparency.arms({}, {})
+    given, axes = transparency.arm_parameters({}, {})
     wish = {"stiffness": 300.0, "damping": 1.2, "share": 0.5, "master_damping": 0.5}
     from hil.teleop import law_parameters, rig_designs
 
-    law = given | law_parameters.table(rig_designs.designs("position-force", wish, axes))
+    law = given | law_parameters.law_table(rig_designs.axis_designs("position-force", wish, axes))
     assert "position-force" in architecture.DESIGNS
-    rows = {r.entry: r for r in transparency.compare("pf", law, (2.0,), tmp_path, 1)}
+    rows = {r.entry: r for r in transparency.compare_hybrid("pf", law, (2.0,), tmp_path, 1)}
     assert rows["h12"].error < 0.05
     assert rows["h21"].error < 0.05
     assert rows["h22"].error < 0.05

@@ -101,7 +101,7 @@ def test_the_stability_circle_is_where_the_reflection_is_one():
 
 def test_passivity_is_the_sign_of_the_dissipated_power():
     h = random_hybrids(500)
-    least = passivity.passive(h)
+    least = passivity.is_passive(h)
     x = RNG.normal(size=(500, 2000, 2)) + 1j * RNG.normal(size=(500, 2000, 2))
     g = ((np.abs(h[:, 1, 1]) / np.abs(h[:, 0, 0])) ** 0.25)[:, None]
     scaled = x * np.stack([g, 1 / g], -1)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hil.cli import main
-from hil.commands.ui import application
+from hil.commands.ui import desk_application
 from hil.errors import ConfigError, DeviceError
 from hil.record.mcap_read import load, read_metadata
 from hil.record.schema import read_fields
@@ -20,9 +20,9 @@ from hil.rig.config import DeviceConfig, load_rig
 from hil.rig.open import Rig
 from hil.runtime import runner
 from hil.runtime.board import SIZE, BoardWriter, read_board
-from hil.runtime.commands import parse
+from hil.runtime.commands import parse_command
 from hil.signals.device import OperatingState
-from hil.ui.desk import RATE, SILENCE, Desk
+from hil.ui.desk import COMMAND_RATE, SILENCE_S, Desk
 from hil.web.site import Hosts
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
@@ -134,8 +134,8 @@ def test_a_page_that_is_silent_pauses_the_rig_and_frees_the_place(desk):
         desk.view(ONE, 0.5 * k)
         desk.watch(0.5 * k)
     assert made[0].lines == []
-    desk.watch(4.5 + SILENCE + 0.1)
-    desk.watch(4.5 + SILENCE + 0.5)
+    desk.watch(4.5 + SILENCE_S + 0.1)
+    desk.watch(4.5 + SILENCE_S + 0.5)
     assert made[0].lines == ["pause"]
     with pytest.raises(ConfigError, match="does not command"):
         desk.command(ONE, {"number": 9, "text": "resume"}, 7.2)
@@ -148,7 +148,7 @@ def test_a_page_is_told_why_the_rig_paused_until_somebody_commands(desk):
     desk, _ = desk
     begun(desk)
     assert desk.view(OTHER, 0.1)["silent"] == ""
-    desk.watch(SILENCE + 0.1)
+    desk.watch(SILENCE_S + 0.1)
     assert "was not heard for 2 s" in desk.view(OTHER, 2.2)["silent"]
     desk.take(OTHER, 2.3)
     assert desk.view(OTHER, 2.4)["silent"] == ""
@@ -168,13 +168,13 @@ def test_a_record_is_counted_with_its_parts(tmp_path):
 def test_too_many_commands_are_refused(desk):
     desk, made = desk
     begun(desk)
-    for k in range(RATE):
+    for k in range(COMMAND_RATE):
         desk.command(ONE, {"number": k + 1, "text": "pause"}, 0.01 * k)
     with pytest.raises(ConfigError, match="within a second"):
-        desk.command(ONE, {"number": RATE + 1, "text": "pause"}, 0.5)
+        desk.command(ONE, {"number": COMMAND_RATE + 1, "text": "pause"}, 0.5)
     desk.view(ONE, 1.5)
-    desk.command(ONE, {"number": RATE + 1, "text": "pause"}, 1.6)
-    assert len(made[0].lines) == RATE + 1
+    desk.command(ONE, {"number": COMMAND_RATE + 1, "text": "pause"}, 1.6)
+    assert len(made[0].lines) == COMMAND_RATE + 1
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_a_session_begins_when_none_runs(desk):
 def test_the_page_answers_requests_with_its_secret(desk):
     desk, made = desk
     client, head = (
-        TestClient(application(desk, "secret", "teleop", None, Hosts("testserver"))),
+        TestClient(desk_application(desk, "secret", "teleop", None, Hosts("testserver"))),
         {"X-Hil-Token": "secret"},
     )
     found = client.get("/?token=secret")
@@ -268,7 +268,7 @@ def test_a_session_shows_itself_and_keeps_notes(tmp_path):
     with BoardWriter(path) as board:
         operator = runner.Operator([(0.3, "note first touch")], board=board)
         config = load_rig("teleop")
-        runner.run(config, 0.6, 1, "lockstep", tmp_path / "s.mcap", operator=operator)
+        runner.run_session(config, 0.6, 1, "lockstep", tmp_path / "s.mcap", operator=operator)
     number, seen = read_board(path)
     assert (
         number >= 8 and seen["state"] == "ENABLED" and set(seen["arms"]) == {"leader", "follower"}
@@ -300,7 +300,7 @@ def shown(tmp_path, rig, seconds, over=None, schedule=()):
         config = load_rig(rig, over)
         found = None
         with contextlib.suppress(DeviceError):
-            found = runner.run(
+            found = runner.run_session(
                 config, seconds, 1, "lockstep", tmp_path / "s.mcap", operator=operator
             )
     return read_board(path)[1], found
@@ -328,7 +328,7 @@ def test_a_fault_is_recorded_also_while_the_record_is_off(tmp_path):
 @pytest.mark.parametrize("text", ["record", "record perhaps", "record on now"])
 def test_what_is_neither_on_nor_off_is_refused(text):
     with pytest.raises(ConfigError, match=r"one of on, off is needed; usage: record on\|off"):
-        parse(text, None)
+        parse_command(text, None)
 
 
 def test_every_device_shows_its_state_and_why_it_failed(tmp_path):

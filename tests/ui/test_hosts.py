@@ -5,10 +5,10 @@ import socket
 import pytest
 
 from hil.commands.common import tell_page
-from hil.commands.ui import application
+from hil.commands.ui import desk_application
 from hil.errors import ConfigError
 from hil.ui.desk import Desk
-from hil.web.site import Hosts, serve
+from hil.web.site import Hosts, serve_until_interrupt
 
 TestClient = pytest.importorskip("starlette.testclient").TestClient
 HEAD = {"X-Hil-Token": "secret"}
@@ -17,7 +17,7 @@ HEAD = {"X-Hil-Token": "secret"}
 def asked(host, name):
     """Status of a question with the right token that reaches the page by a name."""
     desk = Desk([], lambda: None)
-    client = TestClient(application(desk, "secret", "teleop", hosts=Hosts(host)))
+    client = TestClient(desk_application(desk, "secret", "teleop", hosts=Hosts(host)))
     return client.get("/api/view?page=page-one-1", headers={**HEAD, "Host": name}).status_code
 
 
@@ -52,7 +52,7 @@ def test_a_page_on_all_addresses_is_asked_by_numbers_and_by_the_name_of_this_mac
 @pytest.mark.parametrize("given", [{}, {"X-Hil-Token": ""}, {"X-Hil-Token": "secre"}])
 def test_on_every_address_a_request_needs_the_token(given):
     desk = Desk([], lambda: None)
-    client = TestClient(application(desk, "secret", "teleop", hosts=Hosts("0.0.0.0")))
+    client = TestClient(desk_application(desk, "secret", "teleop", hosts=Hosts("0.0.0.0")))
     head = {"Host": "192.168.0.7", **given}
     assert client.get("/", headers=head).status_code == 403
     assert client.get("/?token=guess", headers=head).status_code == 403
@@ -68,7 +68,7 @@ def test_on_every_address_a_request_needs_the_token(given):
 )  # fmt: skip
 def test_where_a_page_cannot_listen_is_said(host, port, said):
     with pytest.raises(ConfigError, match=said):
-        serve(None, host, port, lambda here, there: None, "secret")
+        serve_until_interrupt(None, host, port, lambda here, there: None, "secret")
 
 
 def test_the_address_for_others_comes_with_what_it_lets_them_do(capsys):

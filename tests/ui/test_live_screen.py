@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.ui.desk import folded, lines
+from hil.ui.desk import screen_lines, wrapped
 
 SNAPSHOT = {
     "state": "ENABLED",
@@ -31,8 +31,8 @@ SNAPSHOT = {
 @pytest.mark.parametrize("wide", [80, 100, 200])
 def test_what_is_beyond_the_terminal_goes_on_below(wide):
     """At 80 columns efforts, the winding and the help were cut off."""
-    rows = lines(SNAPSHOT)
-    shown = folded(rows, wide)
+    rows = screen_lines(SNAPSHOT)
+    shown = wrapped(rows, wide)
     texts = ["".join(text for _, text in row) for row in shown]
     assert max(map(len, texts)) <= wide
     assert "".join("".join(texts).split()) == "".join(

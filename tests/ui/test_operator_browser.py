@@ -13,7 +13,7 @@ import pytest
 
 from hil.record.container import read
 from hil.record.mcap_read import load
-from hil.ui.desk import SILENCE
+from hil.ui.desk import SILENCE_S
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -86,7 +86,7 @@ def test_a_person_starts_a_session_and_stops_it_by_the_key(address, tmp_path):
         # the page that commands is loaded anew: it goes on commanding, and nothing pauses
         page.reload()
         page.locator("#state", has_text="ENABLED").wait_for()
-        page.wait_for_timeout(1_000 * SILENCE + 1_000)
+        page.wait_for_timeout(1_000 * SILENCE_S + 1_000)
         assert page.locator("#state").inner_text() == "ENABLED"
         assert page.get_by_role("button", name="Take command").is_disabled()
         page.get_by_role("button", name="Mark").click()
@@ -151,7 +151,7 @@ def test_on_a_slow_network_the_page_is_used_and_stopped(tmp_path):
         # its heartbeat is heard: nothing pauses; and it keeps up with the session
         for _ in range(5):
             page.get_by_role("button", name="Mark").click()
-        page.wait_for_timeout(1_000 * SILENCE + 4_000)
+        page.wait_for_timeout(1_000 * SILENCE_S + 4_000)
         assert page.locator("#state").inner_text() == "ENABLED"
         token = address.partition("?token=")[2]
         direct = urllib.request.Request(

@@ -25,7 +25,7 @@ from hil.record.recording import Recording
 FloatArray = NDArray[np.float64]
 #: Plant -> file of its amplitudes, levels [floors], noise with which they are calibrated.
 FILES = {"tuning": "amplitudes.json", "test": "test_amplitudes.json"}
-LEVELS = {"tuning": (0.5, 1.5, 5.0), "test": (0.7, 1.5, 5.0)}
+EXCESS_LEVELS = {"tuning": (0.5, 1.5, 5.0), "test": (0.7, 1.5, 5.0)}
 _NOISE = {"tuning": "coloured", "test": "white"}
 #: Sessions tried for one level, and share of the level by which it may be missed.
 _STEPS, _NEAR = {"tuning": 7, "test": 4}, {"tuning": 1.18, "test": 1.4}
@@ -50,7 +50,7 @@ def _quiet_rms(
     robot: str, noise: str, motion: tuple[str, int], seed: int, force: bool, offset: bool = False
 ) -> bytes:
     """`base_rms` without any hidden effect, as bytes (cached)."""
-    return base_rms([session.record(robot, [], noise, motion, seed, force)], offset).tobytes()
+    return base_rms([session.record_case(robot, [], noise, motion, seed, force)], offset).tobytes()
 
 
 def excess(
@@ -76,10 +76,10 @@ def amplitude(effect: str, joint: int, robot: str, excitation: str, level: float
 
     Where no amplitude does (the base model imitates the effect), the largest that was tried.
     """
-    key, plant = name(effect, joint, robot, excitation), session.plant(robot)
-    known = table(plant)
+    key, plant = name(effect, joint, robot, excitation), session.plant_of_robot(robot)
+    known = amplitude_table(plant)
     found = known[key] if key in known else calibrate(effect, joint, robot, excitation)
-    return float(np.exp(np.interp(np.log(level), np.log(LEVELS[plant]), np.log(found))))
+    return float(np.exp(np.interp(np.log(level), np.log(EXCESS_LEVELS[plant]), np.log(found))))
 
 
 def name(effect: str, joint: int, robot: str, excitation: str) -> str:
@@ -88,8 +88,8 @@ def name(effect: str, joint: int, robot: str, excitation: str) -> str:
 
 
 @cache
-def table(plant: str) -> dict[str, list[float]]:
-    """Committed amplitudes by `name`, one for each of the plant's `LEVELS`."""
+def amplitude_table(plant: str) -> dict[str, list[float]]:
+    """Committed amplitudes by `name`, one for each of the plant's `EXCESS_LEVELS`."""
     path = resources.files(__package__) / FILES[plant]
     text = path.read_text(encoding="utf-8") if path.is_file() else "{}"
     found: dict[str, list[float]] = json.loads(text)
@@ -98,16 +98,16 @@ def table(plant: str) -> dict[str, list[float]]:
 
 @cache
 def calibrate(effect: str, joint: int, robot: str, excitation: str) -> list[float]:
-    """Amplitudes for `LEVELS`; deterministic.
+    """Amplitudes for `EXCESS_LEVELS`; deterministic.
 
     Where the effect's largest amplitude, or the largest that the control loop stands, leaves
     less, that amplitude.
     """
-    plant = session.plant(robot)
-    _, least, most = session.kinds(plant)[effect]
+    plant = session.plant_of_robot(robot)
+    _, least, most = session.kinds_of_plant(plant)[effect]
     found: list[float] = []
     a = least or _START[plant]
-    for level in LEVELS[plant]:
+    for level in EXCESS_LEVELS[plant]:
         a = _reach(
             lambda a: _excess_at(effect, joint, robot, excitation, a),
             level,
@@ -148,13 +148,13 @@ def _reach(
 
 def _excess_at(effect: str, joint: int, robot: str, excitation: str, a: float) -> float:
     """Excess that amplitude `a` leaves; infinite where the loop does not stand it."""
-    plant, motion, seed = session.plant(robot), (excitation, _MOTION), _MOTION
-    need, noise = session.kinds(plant)[effect][0], _NOISE[plant]
+    plant, motion, seed = session.plant_of_robot(robot), (excitation, _MOTION), _MOTION
+    need, noise = session.kinds_of_plant(plant)[effect][0], _NOISE[plant]
     force = need == "force"
-    run = session.record(robot, [(effect, joint, a)], noise, motion, seed, force)
+    run = session.record_case(robot, [(effect, joint, a)], noise, motion, seed, force)
     if not session.sane(run):
         return float("inf")
     runs = [run]
     if need == "runs":
-        runs = [session.record(robot, [], noise, motion, seed, force), run]
+        runs = [session.record_case(robot, [], noise, motion, seed, force), run]
     return excess(runs, robot, noise, motion, seed, force)

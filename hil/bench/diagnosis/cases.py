@@ -1,7 +1,7 @@
 """The plan: which effect is hidden where, how large, under which noise and motion.
 
-`plan` is that of the tuning plants, `mujoco_plan` that of the test plants: every effect on robot
-after robot, at three levels.
+`rig_plan` is that of the tuning plants, `mujoco_plan` that of the test plants: every effect on
+robot after robot, at three levels.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from hil.models.effect import Trait
 from hil.models.model import RobotModel, base_model
 from hil.record.recording import RobotSource
 
-_LEVELS = amplitudes.LEVELS["tuning"]
+_LEVELS = amplitudes.EXCESS_LEVELS["tuning"]
 _NOISES = ("white", "coloured")
 EXCITATIONS = ("repeated", "strokes")
-SEEDS, _FEWER = 10, 3
+SEEDS_PER_CASE, _FEWER = 10, 3
 #: Seeds of sessions with nothing hidden: without a false alarm in 208, its rate is below 2 %.
 _NOTHING = 32
 #: Effects of sensors: half the seeds.
@@ -36,7 +36,7 @@ _PAIRS = (
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffect:
     """One hidden effect: its name, its joint (from 0) and the excess it leaves [floors]."""
 
     effect: str
@@ -50,7 +50,7 @@ class Hidden:
 
 
 @dataclass(frozen=True)
-class LastPair(Hidden):
+class LastPair(HiddenEffect):
     """A pair of the last joint and the one before, which belongs to that one."""
 
     @property
@@ -60,7 +60,7 @@ class LastPair(Hidden):
 
 
 @dataclass(frozen=True)
-class Idler(Hidden):
+class Idler(HiddenEffect):
     """The pair (1, 3) of idlers of the tuning plants, which belongs to its first joint."""
 
     @property
@@ -89,7 +89,7 @@ class SessionCase:
 
     kind: str
     robot: str
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[HiddenEffect, ...]
     noise: str
     excitation: str
     seed: int
@@ -98,7 +98,7 @@ class SessionCase:
     @property
     def plant(self) -> str:
         """``"tuning"`` or ``"test"``."""
-        return session.plant(self.robot)
+        return session.plant_of_robot(self.robot)
 
     @property
     def name(self) -> str:
@@ -125,7 +125,7 @@ def known() -> set[str]:
     return {e.name for e in table if Trait.GIVEN not in e.traits and "motor" in e.scope.explains}
 
 
-def plan(quick: bool = False, seeds: int = SEEDS) -> list[SessionCase]:
+def rig_plan(quick: bool = False, seeds: int = SEEDS_PER_CASE) -> list[SessionCase]:
     """All cases of the tuning plants; where `quick`, every effect at two of the levels, or at one.
 
     Effects that are not in the catalogue count as outside, with fewer seeds; sensors have half.
@@ -133,8 +133,8 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[SessionCase]:
     if quick:
         return _quick()
     # false alarms are rare: their number is not cut with the seeds
-    there, found = known(), nothing(range(_NOTHING))
-    for effect in session.kinds():
+    there, found = known(), nothing_hidden(range(_NOTHING))
+    for effect in session.kinds_of_plant():
         count = (seeds + 1) // 2 if effect.startswith(_SENSORS) else seeds
         for seed in range(count if effect in there else min(seeds, _FEWER)):
             for level in _LEVELS:
@@ -144,8 +144,8 @@ def plan(quick: bool = False, seeds: int = SEEDS) -> list[SessionCase]:
 
 
 def _quick() -> list[SessionCase]:
-    found = [c for c in nothing(range(2)) if (c.robot, c.force) == ("arm", False)]
-    for k, effect in enumerate(session.kinds()):
+    found = [c for c in nothing_hidden(range(2)) if (c.robot, c.force) == ("arm", False)]
+    for k, effect in enumerate(session.kinds_of_plant()):
         # one level of what sensors do and of what has no name: the whole is to take minutes
         few = effect.startswith(_SENSORS) or effect not in known()
         for n, level in enumerate(_LEVELS):
@@ -160,11 +160,11 @@ def _quick() -> list[SessionCase]:
 
 def single(effect: str, level: float, noise: str, excitation: str, seed: int) -> SessionCase:
     """One hidden effect; its joint follows from the seed, every fifth is a single axis."""
-    needs, kind = session.kinds()[effect][0], "one" if effect in known() else "outside"
+    needs, kind = session.kinds_of_plant()[effect][0], "one" if effect in known() else "outside"
     axis = seed % 5 == 4 and not needs
     joint = 0 if axis else seed % 3
     last = effect == "coupled-transmission" and joint == 2
-    hidden = ((Idler if last else Hidden)(effect, joint, level),)
+    hidden = ((Idler if last else HiddenEffect)(effect, joint, level),)
     robot = "axis" if axis else "arm"
     return SessionCase(kind, robot, hidden, noise, excitation, seed, needs == "force")
 
@@ -172,7 +172,7 @@ def single(effect: str, level: float, noise: str, excitation: str, seed: int) ->
 def _distinct(case: SessionCase) -> bool:
     """Whether no smaller level has the same amplitude, the largest there is."""
     for h in case.hidden:
-        levels = amplitudes.LEVELS[case.plant]
+        levels = amplitudes.EXCESS_LEVELS[case.plant]
         steps = [
             amplitudes.amplitude(h.effect, h.joint, case.robot, case.excitation, x)
             for x in levels[: levels.index(h.level) + 1]
@@ -182,7 +182,7 @@ def _distinct(case: SessionCase) -> bool:
     return True
 
 
-def nothing(seeds: range) -> list[SessionCase]:
+def nothing_hidden(seeds: range) -> list[SessionCase]:
     """Sessions with no hidden effect: arm, single axis, arm with a measured force."""
     arms = (("arm", False), ("axis", False), ("arm", True))
     return [
@@ -205,14 +205,14 @@ def two(seeds: range, noises: tuple[str, ...], levels: tuple[float, ...]) -> lis
             for n, level in enumerate(levels):
                 first = (seed + k) % 3
                 for second in (first, (first + 1) % 3):
-                    hidden = (Hidden(a, first, level), Hidden(b, second, level))
+                    hidden = (HiddenEffect(a, first, level), HiddenEffect(b, second, level))
                     noise = noises[(seed + n) % len(noises)]
                     excitation = EXCITATIONS[(seed + k) % 2]
                     found.append(SessionCase("two", "arm", hidden, noise, excitation, 100 + seed))
     return found
 
 
-_MUJOCO_LEVELS = amplitudes.LEVELS["test"]
+_MUJOCO_LEVELS = amplitudes.EXCESS_LEVELS["test"]
 _MUJOCO_NOISES = ("white", "coloured", "dac")
 _MUJOCO_MOTIONS = ("wander", "shuttle", "points")
 #: Effects whose pair of joints starts at any joint but the last.
@@ -231,7 +231,7 @@ def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[SessionCase]:
     if quick:
         return _quick_mujoco()
     found = _mujoco_nothing(range(2 if seeds > 2 else 1))
-    for k, effect in enumerate(session.kinds("test")):
+    for k, effect in enumerate(session.kinds_of_plant("test")):
         for seed in range(seeds):
             found += [_mujoco_single(k, effect, level, seed) for level in _MUJOCO_LEVELS]
     return [
@@ -241,14 +241,14 @@ def mujoco_plan(quick: bool = False, seeds: int = 10) -> list[SessionCase]:
 
 def _calibrated(case: SessionCase) -> bool:
     """Whether its amplitudes are in the file; a plan does not wait for others."""
-    known = amplitudes.table("test")
+    known = amplitudes.amplitude_table("test")
     where = (case.robot, case.excitation)
     return all(amplitudes.name(h.effect, h.joint, *where) in known for h in case.hidden)
 
 
 def _quick_mujoco() -> list[SessionCase]:
     found = [c for k, c in enumerate(_mujoco_nothing(range(1))) if k % 13 == 0]
-    for k, effect in enumerate(session.kinds("test")):
+    for k, effect in enumerate(session.kinds_of_plant("test")):
         found.append(_mujoco_single(k, effect, _MUJOCO_LEVELS[1 + k % 2], k % 7, _SMALL_ROBOTS))
     return found
 
@@ -257,7 +257,7 @@ def _mujoco_single(
     k: int, effect: str, level: float, seed: int, among: tuple[str, ...] = ()
 ) -> SessionCase:
     """Effect number `k`, hidden; robot, joint, motion and noise follow from it and the seed."""
-    needs = session.kinds("test")[effect][0]
+    needs = session.kinds_of_plant("test")[effect][0]
     robots = [r for r in session.robots_showing(needs) if not among or r in among]
     robot = robots[(k + seed) % len(robots)]
     joint = _joint(effect, robot, k + seed + seed // len(robots))
@@ -265,7 +265,7 @@ def _mujoco_single(
     motion = _MUJOCO_MOTIONS[(k + seed + seed // len(robots)) % len(_MUJOCO_MOTIONS)]
     noise = _MUJOCO_NOISES[(k + 2 * seed + _MUJOCO_LEVELS.index(level)) % len(_MUJOCO_NOISES)]
     last = effect in _UNORDERED and joint == session.joint_count(robot) - 1
-    hidden = ((LastPair if last else Hidden)(effect, joint, level),)
+    hidden = ((LastPair if last else HiddenEffect)(effect, joint, level),)
     return SessionCase(kind, robot, hidden, noise, motion, seed, needs == "force")
 
 
@@ -294,7 +294,7 @@ def _mujoco_two(seeds: range) -> list[SessionCase]:
             d, level = session.joint_count(robot), _MUJOCO_LEVELS[1 + seed % 2]
             first = _joint(a, robot, k + seed)
             second = first if seed % 2 else (first + 1) % d
-            hidden = (Hidden(a, first, level), Hidden(b, second, level))
+            hidden = (HiddenEffect(a, first, level), HiddenEffect(b, second, level))
             noise, motion = _MUJOCO_NOISES[(k + seed) % 3], _MUJOCO_MOTIONS[(k + 2 * seed) % 3]
             found.append(SessionCase("two", robot, hidden, noise, motion, 100 + seed))
     return found

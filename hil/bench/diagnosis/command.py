@@ -32,7 +32,7 @@ from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import PLANTS, revisions, table
 from hil.diagnosis import constants, rules
 from hil.errors import ConfigError, DataError, unknown
-from hil.experiments.replicate import Where, where
+from hil.experiments.replicate import Where, computer
 from hil.terminal import Found
 
 #: Sessions of the quick plan that are diagnosed with every number changed: of both plants, short,
@@ -51,7 +51,7 @@ SMALL = (
 )
 _FACTORS = (0.5, 2.0)
 _SOURCE = Path(constants.__file__)
-Row = dict[str, Any]
+CaseRow = dict[str, Any]
 #: The sessions of a case serve all its rules.
 _sessions = lru_cache(maxsize=2)(runner.recordings)
 
@@ -69,7 +69,9 @@ class Again:
         return f"{self.case.name} without {self.code}"
 
 
-def ablate(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | None) -> list[Row]:
+def ablate(
+    todo: list[SessionCase], rows: list[CaseRow], where: Where, path: Path | None
+) -> list[CaseRow]:
     """Diagnose again without each rule that matters to a case.
 
     Parameters
@@ -90,18 +92,22 @@ def ablate(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | 
     """
     kept = path.with_suffix(".ablate.jsonl") if path else None
     same(rows, path)
-    found = runner.run(repeated(todo, rows), where, kept, without_rule, "again")
+    found = runner.run_cases(repeated(todo, rows), where, kept, without_rule, "again")
     same(found, kept)
-    return found + runner.run(together(todo, rows, found), where, kept, without_rule, "again")
+    return found + runner.run_cases(
+        inactive_together(todo, rows, found), where, kept, without_rule, "again"
+    )
 
 
-def repeated(todo: list[SessionCase], rows: list[Row]) -> list[Again]:
+def repeated(todo: list[SessionCase], rows: list[CaseRow]) -> list[Again]:
     """Cases and the rules without which their answer may be another."""
     by_name = {r["case"]: r for r in rows}
     return [Again(c, code) for c in todo for code in by_name[c.name].get("alone", [])]
 
 
-def together(todo: list[SessionCase], rows: list[Row], found: list[Row]) -> list[Again]:
+def inactive_together(
+    todo: list[SessionCase], rows: list[CaseRow], found: list[CaseRow]
+) -> list[Again]:
     """Cases in which one of the rules fired that change no answer alone, without all of those.
 
     Of two rules that stop the same, neither changes an answer alone.
@@ -113,22 +119,22 @@ def together(todo: list[SessionCase], rows: list[Row], found: list[Row]) -> list
     return [Again(c, "+".join(idle)) for c in fired] if len(idle) > 1 else []
 
 
-def without_rule(task: Again) -> Row:
+def without_rule(task: Again) -> CaseRow:
     """Row of the results: what is said of a case without a rule."""
     with rules.without(*task.code.split("+")):
         row = _anew(task.case)
     return {"again": task.name, "without": task.code} | row
 
 
-def _anew(case: SessionCase) -> Row:
+def _anew(case: SessionCase) -> CaseRow:
     """What is said of a case now, with the CPU time that it took."""
     train, other = _sessions(case)
     started = time.process_time()
-    row = runner.answer(case, train, other)
+    row = runner.diagnosed_answer(case, train, other)
     return {"case": case.name, "cpu": round(time.process_time() - started, 3)} | row
 
 
-def same(rows: list[Row], path: Path | None) -> None:
+def same(rows: list[CaseRow], path: Path | None) -> None:
     """Refuse results of another revision."""
     now = runner.revision()
     others = {r["revision"] for r in rows} - {now}
@@ -181,23 +187,23 @@ class RuleEffect:
     seconds: float
 
 
-def good(row: Row) -> bool:
+def good(row: CaseRow) -> bool:
     """Whether an answer is right, or a set with the truth in it."""
     return row["outcome"] in ("right", "ambiguous")
 
 
-def differ(a: Row, b: Row) -> bool:
+def differ(a: CaseRow, b: CaseRow) -> bool:
     """Whether two answers to one case differ: verdict, names or outcome."""
     return _said(a) != _said(b) or a["outcome"] != b["outcome"]
 
 
-def effects(rows: list[Row], again: list[Row]) -> list[RuleEffect]:
+def rule_effects(rows: list[CaseRow], again: list[CaseRow]) -> list[RuleEffect]:
     """Every rule, in the order in which they are asked."""
     rows = [r for r in rows if r["outcome"] not in ("unstable", "crashed")]
     return [_effect(code, rows, again) for code in (*rules.CANDIDATE, *rules.FIT)]
 
 
-def _effect(code: str, rows: list[Row], again: list[Row]) -> RuleEffect:
+def _effect(code: str, rows: list[CaseRow], again: list[CaseRow]) -> RuleEffect:
     without = {r["case"]: r for r in again if r["without"] == code}
     pairs = [(r, without.get(r["case"], r)) for r in rows]
     lost = sum(good(a) and not good(b) for a, b in pairs)
@@ -216,9 +222,9 @@ def _effect(code: str, rows: list[Row], again: list[Row]) -> RuleEffect:
     )
 
 
-def ablate_page(rows: list[Row], again: list[Row], command: str) -> str:
+def ablate_page(rows: list[CaseRow], again: list[CaseRow], command: str) -> str:
     """Everything, as Markdown, for every plant that has rows."""
-    plants = [p for p in PLANTS if any(tables.plant(r) == p for r in rows)]
+    plants = [p for p in PLANTS if any(tables.plant_of(r) == p for r in rows)]
     lines = [
         "# Ablation: the diagnosis without each of its rules",
         "",
@@ -236,10 +242,10 @@ def ablate_page(rows: list[Row], again: list[Row], command: str) -> str:
     idle = []
     alone = [r for r in again if "+" not in r["without"]]
     for plant in plants:
-        mine = [r for r in rows if tables.plant(r) == plant]
+        mine = [r for r in rows if tables.plant_of(r) == plant]
         names = {r["case"] for r in mine}
         others = [r for r in alone if r["case"] in names]
-        found = effects(mine, others)
+        found = rule_effects(mine, others)
         idle.append({e.code for e in found if not e.changed})
         lines += ["", f"## {PLANTS[plant]}: {len(mine)} sessions", "", _table(found)]
         lines += ["", f"### {PLANTS[plant]}: answers that change", "", _changes(mine, others)]
@@ -282,7 +288,7 @@ def _table(found: list[RuleEffect]) -> str:
     return table(_HEAD, rows)
 
 
-def _changes(rows: list[Row], again: list[Row]) -> str:
+def _changes(rows: list[CaseRow], again: list[CaseRow]) -> str:
     before = {r["case"]: r for r in rows}
     lines = [
         [b["without"], b["case"], words(before[b["case"]]), words(b)]
@@ -293,13 +299,13 @@ def _changes(rows: list[Row], again: list[Row]) -> str:
     return table(head, sorted(lines)) if lines else "None."
 
 
-def words(row: Row) -> str:
+def words(row: CaseRow) -> str:
     """An answer in few words."""
     names = ", ".join(f"{f['effect']} {f['joint'] or ''}".strip() for f in row["named"])
     return f"{row['outcome']}: {names or row['verdict']}"
 
 
-def _said(row: Row) -> tuple[str, list[tuple[str, str]]]:
+def _said(row: CaseRow) -> tuple[str, list[tuple[str, str]]]:
     return row["verdict"], sorted((f["effect"], f["joint"] or "") for f in row["named"])
 
 
@@ -317,7 +323,7 @@ class Changed:
         return f"{self.case.name} with {self.factor:g} {self.number}"
 
 
-def numbers() -> dict[str, float]:
+def decision_numbers() -> dict[str, float]:
     """Decision constants that follow from no other one, in the order of their file."""
     out = {}
     for node in ast.parse(_SOURCE.read_text(encoding="utf-8")).body:
@@ -336,7 +342,7 @@ def varied(number: str, factor: float) -> dict[str, Any]:
     ConfigError
         If there is no such number.
     """
-    known = numbers()
+    known = decision_numbers()
     if number not in known:
         raise ConfigError(unknown("decision constant", number, known))
     old = known[number]
@@ -359,7 +365,7 @@ def _users() -> list[ModuleType]:
 
 
 @contextmanager
-def changed(number: str, factor: float) -> Iterator[None]:
+def constant_changed(number: str, factor: float) -> Iterator[None]:
     """Multiply a number, and what follows from it, for a while."""
     new = varied(number, factor)
     old = {k: vars(constants)[k] for k in new}
@@ -387,7 +393,9 @@ def small(todo: list[SessionCase]) -> list[SessionCase]:
     return found
 
 
-def halve(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | None) -> list[Row]:
+def halve(
+    todo: list[SessionCase], rows: list[CaseRow], where: Where, path: Path | None
+) -> list[CaseRow]:
     """Diagnose every case with every number halved and doubled.
 
     Parameters
@@ -408,15 +416,15 @@ def halve(todo: list[SessionCase], rows: list[Row], where: Where, path: Path | N
     """
     kept = path.with_suffix(".halve.jsonl") if path else None
     same(rows, path)
-    tasks = [Changed(c, n, x) for c in todo for n in numbers() for x in _FACTORS]
-    found = runner.run(tasks, where, kept, with_number, "again")
+    tasks = [Changed(c, n, x) for c in todo for n in decision_numbers() for x in _FACTORS]
+    found = runner.run_cases(tasks, where, kept, with_number, "again")
     same(found, kept)
     return found
 
 
-def with_number(task: Changed) -> Row:
+def with_number(task: Changed) -> CaseRow:
     """Row of the results: what is said of a case with a number changed."""
-    with changed(task.number, task.factor):
+    with constant_changed(task.number, task.factor):
         row = _anew(task.case)
     return {"again": task.name, "number": task.number, "factor": task.factor} | row
 
@@ -425,7 +433,7 @@ _FLIPS = ("changed", "right to wrong", "wrong to right")
 _FLIPS_HEAD = ["number", "value", *(f"{x}: {y}" for x in ("halved", "doubled") for y in _FLIPS)]
 
 
-def halve_page(rows: list[Row], again: list[Row], command: str) -> str:
+def halve_page(rows: list[CaseRow], again: list[CaseRow], command: str) -> str:
     """Everything, as Markdown."""
     before = {r["case"]: r for r in rows}
     lines = [
@@ -439,7 +447,7 @@ def halve_page(rows: list[Row], again: list[Row], command: str) -> str:
         "outcome are others. Right: exactly what is hidden, or a set with the truth in it.",
         "So few sessions show which numbers matter much. They do not show that another is idle.",
         "",
-        table(_FLIPS_HEAD, [_line(n, v, before, again) for n, v in numbers().items()]),
+        table(_FLIPS_HEAD, [_line(n, v, before, again) for n, v in decision_numbers().items()]),
         "",
         "## Answers that change",
         "",
@@ -448,7 +456,7 @@ def halve_page(rows: list[Row], again: list[Row], command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _line(number: str, value: float, before: dict[str, Row], again: list[Row]) -> list[Any]:
+def _line(number: str, value: float, before: dict[str, CaseRow], again: list[CaseRow]) -> list[Any]:
     out: list[Any] = [number, f"{value:g}"]
     for factor in _FACTORS:
         mine = [r for r in again if (r["number"], r["factor"]) == (number, factor)]
@@ -459,7 +467,7 @@ def _line(number: str, value: float, before: dict[str, Row], again: list[Row]) -
     return out
 
 
-def _numbers_that_change(before: dict[str, Row], again: list[Row]) -> str:
+def _numbers_that_change(before: dict[str, CaseRow], again: list[CaseRow]) -> str:
     lines = [
         [
             f"{b['number']} x {b['factor']:g}",
@@ -478,21 +486,21 @@ def command(args: argparse.Namespace) -> Found:
     """Thousands of hidden effects, in the plants it was tuned on and in those it was not."""
     kept = runner.resumed(args.resume)
     terminal.check_page(args.report)
-    seeds = args.seeds or cases.SEEDS
-    plants = chosen(args.plants)
+    seeds = args.seeds or cases.SEEDS_PER_CASE
+    plants = chosen_plants(args.plants)
     todo = only([c for plant in plants for c in PLANS[plant](args.quick, seeds)], args.only)
     todo = small(todo) if args.halve else todo
-    rows = runner.run(todo, where(args), kept)
+    rows = runner.run_cases(todo, computer(args), kept)
     quick = " --quick" if args.quick else f" --seeds {seeds}"
     which = f" --plants {plants[0]}" if len(plants) == 1 else ""
     which += "".join(f" --only {word}" for word in args.only)
     data: dict[str, object] = {"cases": rows}
     if args.ablate:
-        again = ablate(todo, rows, where(args), kept)
+        again = ablate(todo, rows, computer(args), kept)
         text = ablate_page(rows, again, f"hil bench diagnosis --ablate{quick}{which}")
         data |= {"without": again}
     elif args.halve:
-        again = halve(todo, rows, where(args), kept)
+        again = halve(todo, rows, computer(args), kept)
         text = halve_page(rows, again, f"hil bench diagnosis --halve{quick}{which}")
         data |= {"changed": again}
     else:
@@ -511,12 +519,12 @@ def only(todo: list[cases.SessionCase], words: Sequence[str]) -> list[cases.Sess
 
 #: Plant -> its cases, quick or by seeds.
 PLANS: dict[str, Callable[[bool, int], list[cases.SessionCase]]] = {
-    "tuning": cases.plan,
+    "tuning": cases.rig_plan,
     "test": cases.mujoco_plan,
 }
 
 
-def chosen(wanted: str | None) -> list[str]:
+def chosen_plants(wanted: str | None) -> list[str]:
     """Plants of `wanted`; without a wish both, or what there is, which is said then."""
     if wanted == "tuning" or session.mujoco_available():
         return [wanted] if wanted in PLANS else list(PLANS)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.bench.diagnosis import amplitudes, cases, session
-from hil.bench.diagnosis.cases import Hidden, SessionCase, suspected
+from hil.bench.diagnosis.cases import HiddenEffect, SessionCase, suspected
 from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
@@ -39,18 +39,18 @@ def recordings(case: SessionCase) -> tuple[list[Recording], list[Recording]]:
         for h in case.hidden
     ]
     runs = [_record(case, rows, k) for k in (0, 1)]
-    if any(session.kinds(case.plant)[h.effect][0] == "runs" for h in case.hidden):
+    if any(session.kinds_of_plant(case.plant)[h.effect][0] == "runs" for h in case.hidden):
         return [_record(case, [], 0, _OTHER_NOISE), runs[0]], runs[1:]
     return runs[:1], runs[1:]
 
 
-def _record(case: SessionCase, rows: list[session.Row], k: int, noise: int = 0) -> Recording:
+def _record(case: SessionCase, rows: list[session.HiddenRow], k: int, noise: int = 0) -> Recording:
     motion = (case.excitation, 2 * case.seed + k)
     seed = 2 * case.seed + k + noise
-    return session.record(case.robot, rows, case.noise, motion, seed, case.force)
+    return session.record_case(case.robot, rows, case.noise, motion, seed, case.force)
 
 
-def judge(case: SessionCase) -> dict[str, Any]:
+def judged_row(case: SessionCase) -> dict[str, Any]:
     """Row of the results: the case, what was said, the outcome, the times."""
     began = time.process_time()
     train, other = recordings(case)
@@ -72,7 +72,7 @@ def judge(case: SessionCase) -> dict[str, Any]:
         "torque-offset" in model.names(),
     )
     started = time.process_time()
-    row |= answer(case, train, other)
+    row |= diagnosed_answer(case, train, other)
     if row["outcome"] != "crashed":
         row["cpu"] = [round(simulated - began, 3), round(time.process_time() - started, 3)]
     return row
@@ -93,7 +93,9 @@ def told(case: SessionCase) -> dict[str, Any]:
     }
 
 
-def answer(case: SessionCase, train: list[Recording], other: list[Recording]) -> dict[str, Any]:
+def diagnosed_answer(
+    case: SessionCase, train: list[Recording], other: list[Recording]
+) -> dict[str, Any]:
     """What a diagnosis of a case's sessions said, with its outcome."""
     try:
         row = said(diagnose(train, suspected(case, train[0].robot), other))
@@ -130,7 +132,7 @@ def said(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _hit(finding: dict[str, Any], hidden: Hidden) -> bool:
+def _hit(finding: dict[str, Any], hidden: HiddenEffect) -> bool:
     """Whether a finding is this hidden effect, on its joint where it has one."""
     joint = finding["joint"]
     return finding["effect"] in accepted(hidden.effect) and joint in (None, hidden.label)
@@ -163,10 +165,10 @@ def outcome(case: SessionCase, row: dict[str, Any]) -> str:
     return "one" if found else "wrong"
 
 
-Row = dict[str, Any]
+CaseRow = dict[str, Any]
 
 
-def read(path: Path) -> list[Row]:
+def read(path: Path) -> list[CaseRow]:
     """Rows of an earlier run; a last line that a killed run left half is passed over."""
     if not path.is_file():
         return []
@@ -195,7 +197,7 @@ def resumed(name: str) -> Path | None:
     return kept
 
 
-def append(path: Path, row: Row) -> None:
+def append(path: Path, row: CaseRow) -> None:
     """Add a row to a file; half a line that a killed run left there is taken out first."""
     if path.is_file() and not path.read_bytes().endswith(b"\n"):
         path.write_text("".join(json.dumps(r) + "\n" for r in read(path)), encoding="utf-8")
@@ -203,13 +205,13 @@ def append(path: Path, row: Row) -> None:
         file.write(json.dumps(row) + "\n")
 
 
-def run(
+def run_cases(
     todo: Sequence[Any],
     where: Where,
     path: Path | None,
-    work: Callable[[Any], Row] = judge,
+    work: Callable[[Any], CaseRow] = judged_row,
     key: str = "case",
-) -> list[Row]:
+) -> list[CaseRow]:
     """Rows of `todo`, those in `path` not done again; new ones are appended to it.
 
     Parameters
@@ -238,7 +240,7 @@ def run(
     return [done[c.name] for c in todo]
 
 
-def _lost(thing: Any, key: str, lost: LostRun) -> Row:
+def _lost(thing: Any, key: str, lost: LostRun) -> CaseRow:
     if not isinstance(thing, SessionCase):
         raise DeviceError(f"{thing.name}: {lost.text}")
     crashed = {"outcome": "crashed", "named": [], "verdict": lost.text}
@@ -271,11 +273,11 @@ def _calibrated(key: tuple[str, int, str, str]) -> tuple[str, list[float]]:
 def _keys(plant: str) -> list[tuple[str, int, str, str]]:
     """Effect, joint, robot and excitation of every amplitude that a plan needs."""
     if plant == "test":
-        every = cases.mujoco_plan(seeds=cases.SEEDS)
+        every = cases.mujoco_plan(seeds=cases.SEEDS_PER_CASE)
         return sorted({(h.effect, h.joint, c.robot, c.excitation) for c in every for h in c.hidden})
     return [
         (effect, joint, robot, excitation)
-        for effect, (needs, *_) in session.kinds().items()
+        for effect, (needs, *_) in session.kinds_of_plant().items()
         for robot, joint in (("arm", 0), ("arm", 1), ("arm", 2), ("axis", 0))
         for excitation in cases.EXCITATIONS
         if robot == "arm" or not needs
@@ -286,7 +288,7 @@ def _calibrate(
     plant: str, workers: int, todo: list[tuple[str, int, str, str]] | None = None
 ) -> None:
     """Find the amplitudes of `todo` (all of a plant's) and write them to its file."""
-    known = amplitudes.table(plant) if todo is not None else {}
+    known = amplitudes.amplitude_table(plant) if todo is not None else {}
     work = _keys(plant) if todo is None else todo
     found = dict(made for _, made in results(_calibrated, work, Where(workers), "effect"))
     found = dict(sorted((known | found).items()))

@@ -26,7 +26,7 @@ _CENTER, _REACH, _SPEED = np.array([0.0, 0.4, 0.3]), np.array([0.6, 0.45, 0.45])
 _PERIOD, _HARMONICS = 10.0, 25
 
 
-def reference(kind: str, seed: int) -> FloatArray:
+def reference_motion(kind: str, seed: int) -> FloatArray:
     """Place, speed and acceleration of three joints, (n, 3, 3), swelling within a second.
 
     Parameters
@@ -98,7 +98,7 @@ def _strokes(rng: np.random.Generator, t: FloatArray) -> FloatArray:
     return out + _sines(t, w, phase, 0.1 / (1.0 + w / 3.0))
 
 
-def push(seed: int) -> FloatArray:
+def push_forces(seed: int) -> FloatArray:
     """Force ON the tip in the base frame (n, 3) [N]: eight sines of 0.1 to 2.5 Hz, 0.3 N rms."""
     rng = np.random.default_rng([seed, 0xF0])
     t: FloatArray = _TICK * np.arange(round(_SECONDS / _TICK), dtype=np.float64)
@@ -198,12 +198,12 @@ def joint_count(robot: str) -> int:
 
 _JOINTS = ("joint1", "joint2", "joint3")
 #: An effect with its joint and its amplitude (in the simulator's units).
-Row = tuple[str, int, float]
+HiddenRow = tuple[str, int, float]
 #: Robots of the tuning plants, and the largest excursion of a session there [rad].
 _TUNING, _SANE = ("arm", "axis"), 2.0
 
 
-def plant(robot: str) -> str:
+def plant_of_robot(robot: str) -> str:
     """``"tuning"`` or ``"test"``: whose robot it is."""
     return "tuning" if robot in _TUNING else "test"
 
@@ -220,7 +220,7 @@ def _tuning_simulator() -> Any:
 
 
 @cache
-def kinds(plant: str = "tuning") -> dict[str, tuple[str, float, float]]:
+def kinds_of_plant(plant: str = "tuning") -> dict[str, tuple[str, float, float]]:
     """What can be hidden -> what it needs, its smallest and its largest amplitude.
 
     Needs: ``"force"`` (measured), ``"arm"`` (more than one joint), ``"runs"`` (a run with and
@@ -234,12 +234,12 @@ def kinds(plant: str = "tuning") -> dict[str, tuple[str, float, float]]:
 
 @lru_cache(maxsize=64)
 def _motion(kind: str, seed: int, force: bool) -> tuple[FloatArray, FloatArray | None]:
-    return reference(kind, seed), push(seed) if force else None
+    return reference_motion(kind, seed), push_forces(seed) if force else None
 
 
-def record(
+def record_case(
     robot: str,
-    rows: Sequence[Row],
+    rows: Sequence[HiddenRow],
     noise: str,
     motion: tuple[str, int],
     seed: int,
@@ -262,7 +262,7 @@ def record(
     force : bool
         Whether a force acts at the tip and is measured.
     """
-    if plant(robot) == "test":
+    if plant_of_robot(robot) == "test":
         return _record_mujoco(robot, rows, noise, motion, seed, force)
     positions, force_at_tip = _motion(*motion, force)
     hidden = [{"effect": e, "joint": j, "amplitude": a} for e, j, a in rows]

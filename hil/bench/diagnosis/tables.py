@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-Row = dict[str, Any]
+CaseRow = dict[str, Any]
 #: An effect that leaves less than this [floors] need not be named.
 _ENOUGH = 0.5
 #: Edges of the bins of confidence.
@@ -100,53 +100,55 @@ def difference(both: int, lost: int, gained: int, neither: int) -> tuple[float, 
     return q - p - apart(q - low_a, high_b - p), q - p + apart(p - low_b, high_a - q)
 
 
-def share(rows: Iterable[Row], hit: Callable[[Row], bool]) -> Proportion:
+def _share_of(rows: Iterable[CaseRow], hit: Callable[[CaseRow], bool]) -> Proportion:
     """Share of `rows` for which `hit` holds."""
     found = [hit(r) for r in rows]
     return Proportion(sum(found), len(found))
 
 
-def of(rows: list[Row], kind: str) -> list[Row]:
+def of(rows: list[CaseRow], kind: str) -> list[CaseRow]:
     """Rows of a kind whose session was stable and whose diagnosis came to an end."""
     return [r for r in rows if r["kind"] == kind and r["outcome"] not in ("unstable", "crashed")]
 
 
-def _enough(row: Row) -> bool:
+def _enough(row: CaseRow) -> bool:
     """Whether the effect leaves at least half a floor in this very session."""
     return bool(row["excess"] >= _ENOUGH)
 
 
-def _ended(*outcomes: str) -> Callable[[Row], bool]:
+def _ended(*outcomes: str) -> Callable[[CaseRow], bool]:
     """Test of the outcome."""
     return lambda row: row["outcome"] in outcomes
 
 
-def headline(rows: list[Row]) -> dict[str, Proportion]:
+def headline(rows: list[CaseRow]) -> dict[str, Proportion]:
     """The shares that the project states."""
     one, none, outside, two = (of(rows, k) for k in ("one", "none", "outside", "two"))
     visible = [r for r in one if _enough(r)]
     below = [r for r in one if not _enough(r)]
     true_outside = [r for r in outside if r["hidden"][0][0].startswith("outside-")]
     return {
-        "right, excess of half a floor or more": share(visible, _ended("right")),
-        "... or undecided between two that are alike in such data": share(visible, _rightly),
-        "... or ambiguous with the truth in the set": share(visible, _ended("right", "ambiguous")),
-        "... the truth and something else": share(visible, _ended("extra")),
-        "... another name": share(visible, _ended("wrong")),
-        "... no name": share(visible, _ended("missed", "unexplained", "not-identifiable")),
-        "below half a floor: another name": share(below, _ended("wrong", "extra")),
-        "false alarm with nothing hidden (a name)": share(none, lambda r: bool(r["named"])),
-        "... 'unexplained' with nothing hidden": share(none, _ended("unexplained")),
-        "outside kinds not misnamed": share(true_outside, lambda r: not r["named"]),
-        "... misnamed without doubt": share(true_outside, _is_sure),
-        "... 'unexplained', excess of half a floor or more": share(
+        "right, excess of half a floor or more": _share_of(visible, _ended("right")),
+        "... or undecided between two that are alike in such data": _share_of(visible, _rightly),
+        "... or ambiguous with the truth in the set": _share_of(
+            visible, _ended("right", "ambiguous")
+        ),
+        "... the truth and something else": _share_of(visible, _ended("extra")),
+        "... another name": _share_of(visible, _ended("wrong")),
+        "... no name": _share_of(visible, _ended("missed", "unexplained", "not-identifiable")),
+        "below half a floor: another name": _share_of(below, _ended("wrong", "extra")),
+        "false alarm with nothing hidden (a name)": _share_of(none, lambda r: bool(r["named"])),
+        "... 'unexplained' with nothing hidden": _share_of(none, _ended("unexplained")),
+        "outside kinds not misnamed": _share_of(true_outside, lambda r: not r["named"]),
+        "... misnamed without doubt": _share_of(true_outside, _is_sure),
+        "... 'unexplained', excess of half a floor or more": _share_of(
             [r for r in true_outside if _enough(r)], lambda r: r["verdict"] == "unexplained"
         ),
-        "not in the catalogue yet, not misnamed": share(
+        "not in the catalogue yet, not misnamed": _share_of(
             [r for r in outside if r not in true_outside], lambda r: not r["named"]
         ),
-        "both of two found": share(two, _ended("right", "ambiguous", "extra")),
-        "... exactly both": share(two, _ended("right")),
+        "both of two found": _share_of(two, _ended("right", "ambiguous", "extra")),
+        "... exactly both": _share_of(two, _ended("right")),
     }
 
 
@@ -155,7 +157,7 @@ def accepted(effect: str) -> set[str]:
     return _ACCEPTED.get(effect, {effect})
 
 
-def _rightly(row: Row) -> bool:
+def _rightly(row: CaseRow) -> bool:
     """Whether it is right, or leaves open what nobody could say (see `_ALIKE`)."""
     if row["outcome"] != "ambiguous":
         return bool(row["outcome"] == "right")
@@ -163,12 +165,12 @@ def _rightly(row: Row) -> bool:
     return any(pair <= said for said in sets for pair in _ALIKE)
 
 
-def _is_sure(row: Row) -> bool:
+def _is_sure(row: CaseRow) -> bool:
     """Whether a name was given as if there were no doubt."""
     return bool(row["verdict"] == "missing-effect" and row["named"])
 
 
-def answer(row: Row) -> str:
+def _answer(row: CaseRow) -> str:
     """What was said, in short: the first name, or the verdict."""
     if not row["named"]:
         return str(row["verdict"] or row["outcome"])
@@ -176,17 +178,17 @@ def answer(row: Row) -> str:
     return f"ambiguous:{first}" if row["verdict"] == "ambiguous" else first
 
 
-def confusion(rows: list[Row]) -> dict[str, Counter[str]]:
+def confusion(rows: list[CaseRow]) -> dict[str, Counter[str]]:
     """Hidden effect -> what was named first, over all levels."""
     out: dict[str, Counter[str]] = {}
     for r in rows:
         if r["kind"] != "two":
             key = r["hidden"][0][0] if r["hidden"] else "(nothing)"
-            out.setdefault(key, Counter())[answer(r)] += 1
+            out.setdefault(key, Counter())[_answer(r)] += 1
     return dict(sorted(out.items()))
 
 
-def power(rows: list[Row]) -> dict[str, dict[float, tuple[Proportion, Proportion]]]:
+def _power_table(rows: list[CaseRow]) -> dict[str, dict[float, tuple[Proportion, Proportion]]]:
     """Effect -> level -> shares right, and right or ambiguous."""
     out: dict[str, dict[float, tuple[Proportion, Proportion]]] = {}
     for r in of(rows, "one"):
@@ -196,20 +198,20 @@ def power(rows: list[Row]) -> dict[str, dict[float, tuple[Proportion, Proportion
         for level in sorted({r["hidden"][0][2] for r in mine}):
             at = [r for r in mine if r["hidden"][0][2] == level]
             out[effect][level] = (
-                share(at, _ended("right")),
-                share(at, _ended("right", "ambiguous")),
+                _share_of(at, _ended("right")),
+                _share_of(at, _ended("right", "ambiguous")),
             )
     return dict(sorted(out.items()))
 
 
-def calibration(rows: list[Row]) -> list[tuple[float, float, float, Proportion]]:
+def confidence_bins(rows: list[CaseRow]) -> list[tuple[float, float, float, Proportion]]:
     """Bins of confidence: edges, mean confidence, share of findings that are hidden there.
 
     Every finding counts, of every session; where nothing or nothing of the catalogue is
     hidden, none is right.
     """
     pairs = [
-        (f["confidence"], any(_same(f, h) for h in truth(r))) for r in rows for f in r["named"]
+        (f["confidence"], any(_same(f, h) for h in _truth(r))) for r in rows for f in r["named"]
     ]
     out = []
     for low, high in pairwise(_BINS):
@@ -219,24 +221,24 @@ def calibration(rows: list[Row]) -> list[tuple[float, float, float, Proportion]]
     return out
 
 
-def _same(finding: Row, hidden: list[Any]) -> bool:
+def _same(finding: CaseRow, hidden: list[Any]) -> bool:
     """Whether a finding is what is hidden, on its joint where it has one."""
     return finding["effect"] in accepted(hidden[0]) and finding["joint"] in (None, hidden[1])
 
 
-def plant(row: Row) -> str:
+def plant_of(row: CaseRow) -> str:
     """Plant of a row; those of earlier revisions are all of the tuning plants."""
     return str(row.get("plant", "tuning"))
 
 
-def truth(row: Row) -> list[list[Any]]:
+def _truth(row: CaseRow) -> list[list[Any]]:
     """What could rightly be named."""
     return row["hidden"] if row["kind"] in ("one", "two") else []
 
 
-def failures(rows: list[Row]) -> list[tuple[str, str, list[Row]]]:
+def failures(rows: list[CaseRow]) -> list[tuple[str, str, list[CaseRow]]]:
     """Classes of failure (hidden, said), most frequent first; what lies below half a floor last."""
-    classes: dict[tuple[str, str], list[Row]] = {}
+    classes: dict[tuple[str, str], list[CaseRow]] = {}
     for r in rows:
         if r["outcome"] == "unstable":  # nothing was diagnosed
             continue
@@ -264,7 +266,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join(lines)
 
 
-def report(rows: list[Row], command: str) -> str:
+def report(rows: list[CaseRow], command: str) -> str:
     """Everything, as Markdown, for every plant that has rows."""
     head = [
         "# Benchmark: naming hidden effects",
@@ -273,21 +275,21 @@ def report(rows: list[Row], command: str) -> str:
         "Excess: what an effect leaves above the residual of the same session without it, in units",
         "of that residual (worst joint). Intervals: Wilson, 95 %.",
     ]
-    plants = [p for p in PLANTS if any(plant(r) == p for r in rows)]
+    plants = [p for p in PLANTS if any(plant_of(r) == p for r in rows)]
     for name in plants:
-        mine = [r for r in rows if plant(r) == name]
+        mine = [r for r in rows if plant_of(r) == name]
         before = f"{PLANTS[name]}: " if len(plants) > 1 else ""
         for title, make in SECTIONS.items():
             head += ["", f"## {before}{title}", "", make(mine)]
     return "\n".join(head) + "\n"
 
 
-def revisions(rows: list[Row]) -> str:
+def revisions(rows: list[CaseRow]) -> str:
     """Revisions of the program that made the rows; several where a run was resumed."""
     return ", ".join(sorted({r["revision"] for r in rows}))
 
 
-def _cost(rows: list[Row]) -> str:
+def _cost(rows: list[CaseRow]) -> str:
     cpu = [r["cpu"] for r in rows if "cpu" in r]
     if not cpu:
         return ""
@@ -297,7 +299,7 @@ def _cost(rows: list[Row]) -> str:
     )
 
 
-def _headline(rows: list[Row]) -> str:
+def _headline(rows: list[CaseRow]) -> str:
     lines = [[what, s] for what, s in headline(rows).items()]
     text = table(["", "share (of, interval %)"], lines)
     for what in ("unstable", "crashed"):
@@ -306,7 +308,7 @@ def _headline(rows: list[Row]) -> str:
     return text
 
 
-def _failures(rows: list[Row]) -> str:
+def _failures(rows: list[CaseRow]) -> str:
     lines = []
     for hidden, said, members in failures(rows):
         sure = [f["confidence"] for r in members for f in r["named"]]
@@ -333,7 +335,7 @@ def _range(values: Sequence[float]) -> str:
     return f"{low:.2f}" if high - low < 0.005 else f"{low:.2f}..{high:.2f}"
 
 
-def _where(rows: list[Row]) -> str:
+def _where(rows: list[CaseRow]) -> str:
     """Noise, motion and joint that all members have in common."""
     parts = []
     for key in ("robot", "noise", "excitation"):
@@ -344,8 +346,8 @@ def _where(rows: list[Row]) -> str:
     return " ".join([*parts, *sorted(joints)] if len(joints) < 3 else parts)
 
 
-def _power(rows: list[Row]) -> str:
-    found = power(rows)
+def _power(rows: list[CaseRow]) -> str:
+    found = _power_table(rows)
     levels = sorted({x for by in found.values() for x in by})
     lines = []
     for effect, by in found.items():
@@ -357,26 +359,26 @@ def _power(rows: list[Row]) -> str:
     return table(["effect", *[f"{x:g} floors" for x in levels]], lines)
 
 
-def _calibration(rows: list[Row]) -> str:
+def _calibration(rows: list[CaseRow]) -> str:
     lines = [
         [f"{low:g} to {high:g}", f"{mean:.3f}" if s.n else "-", s]
-        for low, high, mean, s in calibration(rows)
+        for low, high, mean, s in confidence_bins(rows)
     ]
     return table(["confidence", "mean", "right"], lines)
 
 
-def _conditions(rows: list[Row]) -> str:
+def _conditions(rows: list[CaseRow]) -> str:
     visible = [r for r in of(rows, "one") if _enough(r)]
     lines = []
     for key in ("noise", "excitation", "robot"):
         for value in sorted({r[key] for r in visible}):
             mine = [r for r in visible if r[key] == value]
-            shares = [share(mine, _ended(x)) for x in ("right", "ambiguous", "wrong")]
+            shares = [_share_of(mine, _ended(x)) for x in ("right", "ambiguous", "wrong")]
             lines.append([value, *shares])
     return table(["", "right", "ambiguous", "wrong"], lines)
 
 
-def _confusion(rows: list[Row]) -> str:
+def _confusion(rows: list[CaseRow]) -> str:
     lines = [
         [hidden, sum(said.values()), ", ".join(f"{k} {n}" for k, n in said.most_common())]
         for hidden, said in confusion(rows).items()
@@ -386,7 +388,7 @@ def _confusion(rows: list[Row]) -> str:
 
 #: Plant -> what its sections are called.
 PLANTS = {"test": "Test plants (MuJoCo)", "tuning": "Tuning plants"}
-SECTIONS: dict[str, Callable[[list[Row]], str]] = {
+SECTIONS: dict[str, Callable[[list[CaseRow]], str]] = {
     "In short": _headline,
     "Failures, most frequent first": _failures,
     "Power: share right (right or ambiguous) by excess": _power,

@@ -209,7 +209,7 @@ def fill(value: float, status: Status | None = None) -> Callable[..., Any]:
     return answer
 
 
-def delayed(n: int) -> Callable[..., Status]:
+def _delayed(n: int) -> Callable[..., Status]:
     """For `n` calls give the position and speed of the call before the first once more."""
     kept: list[Any] = []
     left = [n]
@@ -394,7 +394,7 @@ _SENSORS = (
           "sensor-late"),
     Fault("encoder readings stay late", hook("js", lambda: times(EVER, _STALE)), "PAUSED",
           "joint-stale"),
-    Fault("encoder reading delivered twice", hook("js", lambda: delayed(1)), "ENABLED", "",
+    Fault("encoder reading delivered twice", hook("js", lambda: _delayed(1)), "ENABLED", "",
           note="as an arm that stands still for a tick"),
     Fault("encoders lost", hook("js", lambda: times(EVER, _INVALID)), "FAULT", "joint-lost"),
     Fault("encoders lost for one tick", hook("js", lambda: times(1, _INVALID)), "FAULT",

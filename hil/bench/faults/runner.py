@@ -34,11 +34,11 @@ from hil.record.mcap_write import SessionWriter
 from hil.record.schema import decode_numbers
 from hil.rig.config import load_rig
 from hil.rig.cut import proven
-from hil.rig.safety import BITS, named
+from hil.rig.safety import BITS, named_conditions
 from hil.rigs import rig_path
 from hil.runtime import runner
 from hil.runtime.guard import Watchdog
-from hil.runtime.watchdog import beside, tripped
+from hil.runtime.watchdog import report_path, tripped
 from hil.signals.device import OperatingState, Status
 from hil.signals.frame import TIMING, FrameLayout
 from hil.terminal import Found
@@ -84,7 +84,7 @@ class Outcome:
     note: str = ""
 
 
-def run(
+def _run_fault(
     faults: Iterable[Fault], folder: Path, report: Callable[[Outcome], None] = lambda o: None
 ) -> list[Outcome]:
     """Run faults one after the other; sessions are written into `folder`."""
@@ -106,13 +106,15 @@ def one(fault: Fault, path: Path) -> Outcome:
     # a run that wrote nothing must not be judged by the one before
     path.unlink(missing_ok=True)
     try:
-        runner.run(config, None, 1, "lockstep", path, opener=faulty.open, timer=faulty.timer)
+        runner.run_session(
+            config, None, 1, "lockstep", path, opener=faulty.open, timer=faulty.timer
+        )
     except (HilError, ZeroDivisionError):
-        pass  # the record, which `judge` needs, tells how it ended
-    return judge(fault, faulty.struck, path)
+        pass  # the record, which `_judged` needs, tells how it ended
+    return _judged(fault, faulty.struck, path)
 
 
-def judge(fault: Fault, struck: int, path: Path) -> Outcome:
+def _judged(fault: Fault, struck: int, path: Path) -> Outcome:
     """What the session says, against what was expected."""
     box = read(path)
     topic = box.topics["/loop/timing"]
@@ -125,7 +127,7 @@ def judge(fault: Fault, struck: int, path: Path) -> Outcome:
     first = int(changed[0]) if changed.size else None
     found = "ENABLED" if first is None else OperatingState(state[first]).name
     taken = None if first is None else int(after[: first + 1].sum())
-    said = [c.name for c in named(int(np.bitwise_or.reduce(mask[after], initial=0)))]
+    said = [c.name for c in named_conditions(int(np.bitwise_or.reduce(mask[after], initial=0)))]
     codes = raw[:, :, 3:6]
     zero = first is None or not codes[first:].any()
     last = json.loads(box.topics["/events"].data[-1])
@@ -296,7 +298,7 @@ def child(name: str, path: Path) -> int:
     faulty.js = _every_tenth()
     arranged: dict[str, Any] = {"opener": faulty.open, "operator": runner.Operator(say=_say)}
     try:
-        done = runner.run(config, case.seconds, 1, "real", path, kind=_Telling, **arranged)
+        done = runner.run_session(config, case.seconds, 1, "real", path, kind=_Telling, **arranged)
         sys.stdout.write(f"end {done.ticks + done.missed}\n")
     except KeyboardInterrupt:
         return 130
@@ -313,7 +315,7 @@ def child(name: str, path: Path) -> int:
 def in_child(name: str, folder: Path) -> Outcome:
     """Run one case in a child, strike, and look at what is left."""
     case, path = PROCESS_CASES[name], folder / "process.mcap"
-    beside(path).unlink(missing_ok=True)
+    report_path(path).unlink(missing_ok=True)
     path.with_name(path.name + ".on").unlink(missing_ok=True)
     words = [sys.executable, "-m", "hil.bench.faults.runner", name, str(path)]
     last, lines, struck, guard = 0, [], 0, 0
@@ -323,7 +325,7 @@ def in_child(name: str, folder: Path) -> Outcome:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, consent.VARIABLE: state},
+            env={**os.environ, consent.STATE_VARIABLE: state},
         )
         assert process.stdout is not None  # noqa: S101  (asked for above)
         for line in process.stdout:
@@ -334,7 +336,7 @@ def in_child(name: str, folder: Path) -> Outcome:
                 struck = last
                 os.kill(guard if case.watchdog else process.pid, case.number)
                 if case.must == "cut" or case.wakes:
-                    _await(beside(path))
+                    _await(report_path(path))
                     process.send_signal(signal.SIGCONT if case.wakes else _KILL)
         _, said = process.communicate()
     return _judge_child(name, path, last, struck, lines, said, process.returncode == case.code)
@@ -365,7 +367,7 @@ def _judge_child(
     # a busy machine skips ticks; what counts is how far the record reaches
     fine = lost == 0 if must == "all" else lost <= 100
     if must == "cut":
-        told = tripped(beside(path))
+        told = tripped(report_path(path))
         off = told.get("cut") == "sh returned 0" and told.get("worked") is True
         ticks = round(1e3 * told["silent_s"]) if told.get("silent_s") else None
         note = f"watchdog: {told.get('why', 'silent')}"
@@ -409,7 +411,7 @@ def _rows(box: Container) -> tuple[NDArray[np.int64], bool]:
 _HEAD = ("fault", "must lead to", "led to", "after", "record says", "motors", "rows lost", "")
 
 
-def row(o: Outcome) -> list[str]:
+def fault_row(o: Outcome) -> list[str]:
     """One line."""
     taken = "-" if o.ticks is None else f"{o.ticks} ms"
     said = ", ".join(o.conditions) or "-"
@@ -444,7 +446,7 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def report(outcomes: Sequence[Outcome], command: str) -> str:
+def _fault_page(outcomes: Sequence[Outcome], command: str) -> str:
     """Page for the documentation."""
     lines = [
         "# Injected faults",
@@ -459,7 +461,7 @@ def report(outcomes: Sequence[Outcome], command: str) -> str:
         "",
         "| " + " | ".join(_HEAD) + " |",
         "|" + "---|" * len(_HEAD),
-        *("| " + " | ".join(row(o)) + " |" for o in outcomes),
+        *("| " + " | ".join(fault_row(o)) + " |" for o in outcomes),
         "",
         verdict(outcomes),
         "",
@@ -476,15 +478,15 @@ def command(args: argparse.Namespace) -> Found:
         tempfile.TemporaryDirectory() as folder,
         tqdm(total=total, unit="fault", disable=not sys.stderr.isatty()) as bar,
     ):
-        found = run(cases.FAULTS, Path(folder), lambda _: bar.update() and None)
+        found = _run_fault(cases.FAULTS, Path(folder), lambda _: bar.update() and None)
         for name in live:
             found.append(in_child(name, Path(folder)))
             bar.update()
     terminal.write_page(
         args.report,
-        report(found, f"hil bench faults{' --quick' if args.quick else ''}"),
+        _fault_page(found, f"hil bench faults{' --quick' if args.quick else ''}"),
     )
-    text = terminal.table(list(_HEAD), [row(o) for o in found])
+    text = terminal.table(list(_HEAD), [fault_row(o) for o in found])
     return f"{text}\n\n{verdict(found)}", {"faults": [asdict(o) for o in found]}
 
 

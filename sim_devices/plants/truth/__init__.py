@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError, unknown
-from hil.sim_devices.plants.layout import ARM
+from hil.sim_devices.plants.layout import ARM_DTYPE
 
 GRAVITY = 9.81
 
 
-def load(name: str) -> dict[str, Any]:
+def load_truth(name: str) -> dict[str, Any]:
     """Read the truth file `name` of this package."""
     folder = resources.files(__name__)
     known = sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml"))
@@ -24,7 +24,9 @@ def load(name: str) -> dict[str, Any]:
     return tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-def arm(truth: dict[str, Any], sensor: str, crosstalk: NDArray[np.float64]) -> NDArray[np.void]:
+def arm_record(
+    truth: dict[str, Any], sensor: str, crosstalk: NDArray[np.float64]
+) -> NDArray[np.void]:
     """Parameter record of one arm that carries `sensor` at its tip.
 
     Parameters
@@ -42,7 +44,7 @@ def arm(truth: dict[str, Any], sensor: str, crosstalk: NDArray[np.float64]) -> N
     """
     if sensor not in truth["sensors"]:
         raise ConfigError(unknown("force sensor", sensor, truth["sensors"]))
-    p = np.zeros(1, ARM)
+    p = np.zeros(1, ARM_DTYPE)
     _bodies(p, truth)
     add_tip_mass(p, truth["sensors"][sensor]["mass"])
     _drives(p, truth)
