@@ -91,8 +91,8 @@ def _gain_rows(loops: Sequence[SampledLoop]) -> list[list[str]]:
     rows = []
     for name in sorted((*MOTION, *FORCE_GAINS)):
         rows.append([f"{name}{' (k, b, a)' if name in MOTION else ''}", *_cells(designs, name)])
-    for role in ("master", "slave"):
-        rows.append([f"{role} mass [kg]", *(f"{getattr(d, role).m:.4g}" for d in designs)])
+    for arm, role in (("leader", "master"), ("follower", "slave")):
+        rows.append([f"{arm} mass [kg]", *(f"{getattr(d, role).m:.4g}" for d in designs)])
     return rows
 
 
@@ -250,7 +250,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISHES)}; "
+        help=f"what the design is made from (repeatable): {', '.join(rig_designs.WISH_KEYS)}; "
         f"of the law: {', '.join(rig_designs.REAL)}; of the optimised design: "
         f"{', '.join(rig_designs.TASK)}; of the transparent design: accelerations=0 or 1; of a law "
         f"over a delay: {', '.join(SETTABLE_NUMBERS)}",
@@ -564,14 +564,15 @@ def _fits(
     """Refuse settings that the chosen design does not read."""
     wrong = [] if name == "optimised" else list(task)
     kept = rig_designs.SCALES if name else ()
-    wrong += [w for w in wishes if w not in kept] if name in _NO_WISHES else []
+    asked = [key for key, w in rig_designs.WISH_KEYS.items() if w in wishes and w not in kept]
+    wrong += asked if name in _NO_WISHES else []
     wrong += [] if name == "transparent" else list(search)
     if wrong:
         scales = ", ".join(rig_designs.SCALES)
         raise ConfigError(
             f"--set {wrong[0]} means nothing for "
             f"{f'--design {name}' if name else 'the controller of the rig file'}; "
-            f"named designs read {', '.join(rig_designs.WISHES)}, --design optimised "
+            f"named designs read {', '.join(rig_designs.WISH_KEYS)}, --design optimised "
             f"{scales}, {', '.join(rig_designs.TASK)}, --design transparent {scales}, "
             f"{', '.join(rig_designs.SEARCH)}"
         )

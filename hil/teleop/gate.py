@@ -387,7 +387,7 @@ def _proper(loop: SampledLoop) -> None:
             raise ConfigError(f"{where}: {name} = {value:.4g} is improper; c5, c6 >= -1 is needed")
     if d.c7.k < 0.0 or d.c7.b < 0.0:
         raise ConfigError(
-            f"{where}: c7 = ({d.c7.k:.4g}, {d.c7.b:.4g}) pushes the slave away from its place; "
+            f"{where}: c7 = ({d.c7.k:.4g}, {d.c7.b:.4g}) pushes the follower away from its place; "
             "its stiffness and damping must not be negative"
         )
 

@@ -28,6 +28,8 @@ from hil.teleop.sampled_loop import SampledLoop
 
 #: What a design is made from, and what of the law can be set beside it.
 WISHES = tuple(f.name for f in fields(Wish) if f.name not in ("master", "slave"))
+#: The same by the words of the rig: its key in ``--set`` -> its name by the thesis' symbols.
+WISH_KEYS = {w.replace("master", "leader").replace("slave", "follower"): w for w in WISHES}
 REAL = (
     "shape",
     "forces",
@@ -94,7 +96,8 @@ class ArmImpedances:
 def design_settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str, Any]:
     """Values of KEY=VALUE words; channels as DELAY[,JITTER[,LOSS]] in seconds.
 
-    `names` are the keys, without any those of a design with c1..c8.
+    `names` are the keys, without any those of a design with c1..c8; the thesis' names of its
+    wishes are taken, too.
 
     Raises
     ------
@@ -106,7 +109,9 @@ def design_settings(words: Sequence[str], names: Sequence[str] = ()) -> dict[str
         key, equals, text = word.partition("=")
         if not equals:
             raise ConfigError(f"--set {word}: KEY=VALUE is needed, e.g. --set stiffness=200")
-        if key not in (known := tuple(names) or (*WISHES, *REAL, *TASK, *SEARCH)):
+        key = key if names else WISH_KEYS.get(key, key)
+        if key not in (names or (*WISHES, *REAL, *TASK, *SEARCH)):
+            known = names or (*WISH_KEYS, *REAL, *TASK, *SEARCH)
             raise ConfigError("--set: " + unknown("key", key, known))
         out[key] = text if key in ("shape", "forces") else _value(key, text)
     return out

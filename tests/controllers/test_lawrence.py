@@ -234,7 +234,7 @@ def test_near_a_singular_pose_torques_stay_finite():
 
 
 BAD = [
-    ({"c7": (-50.0, 1.0, 0.0)}, "c7 .* pushes the slave away"),
+    ({"c7": (-50.0, 1.0, 0.0)}, "c7 .* pushes the follower away"),
     ({"c8": (0.0, 0.3, 0.05), "acceleration_hz": 0.0}, "improper gain; set acceleration_hz"),
     ({"c5": (-1.5,)}, "c5 = -1.5 is improper"),
     ({"c2": (4.0,)}, "unstable, a pole at"),

@@ -112,7 +112,7 @@ def test_a_rig_with_hidden_effects_survives_hil_design(name, tmp_path, capsys):
     rig, own = tmp_path / "rig.toml", tmp_path / "own.toml"
     rig.write_text((RIGS / f"{name}.toml").read_text() + over)
     words = ["--design", "position-error", "--set", "stiffness=150", "--set", "damping=1.2"]
-    words += ["--set", "master_stiffness=150", "--set", "master_damping=1.2"]
+    words += ["--set", "leader_stiffness=150", "--set", "leader_damping=1.2"]
     assert main(["design", str(rig), *words, "-o", str(own)]) == 0
     capsys.readouterr()
     assert load_rig(own).simulation == load_rig(rig).simulation
