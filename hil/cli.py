@@ -98,7 +98,7 @@ def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
     """Refuse what a command left over."""
     if extra:
         alone = parser.alone
-        where = "files and names stand together, before the options"
+        where = "give all files and names together, before the options"
         where = f"the command takes {alone} and options" if alone else where
         if "--holdout" in parser.options():
             where += ", and --holdout before each held-out session"
@@ -186,12 +186,12 @@ COMMANDS: dict[str, Command] = {
     ),
     "import": Command(
         "hil.commands.import_",
-        "bring a table of any rig (CSV, NPZ, MAT, Parquet, XLSX, LeRobot, ...) into a session",
+        "convert a table of any rig (CSV, NPZ, MAT, Parquet, XLSX, LeRobot, ...) into a session",
         long=True,
     ),
     "trust": Command(
         "hil.commands.trust",
-        "agree to what a model file (plugins) or a rig file (cut program) would run",
+        "agree to run what a model file (plugins) or a rig file (cut program) names",
     ),
     "info": Command(
         "hil.commands.info", "channels, rates, gaps and data faults of recordings", long=True

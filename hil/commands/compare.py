@@ -39,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare and print."""
     if args.like and not args.as_is:
-        raise ConfigError("--like is of --as-is: without it each run is given values of its own")
+        raise ConfigError(
+            "--like needs --as-is: without it, every run is fitted with its own values"
+        )
     runs, held, model = common.load_inputs(args)
     found = verbs.compare(runs, model, held, as_is=args.as_is, like=args.like)
     common.deliver(

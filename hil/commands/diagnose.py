@@ -187,7 +187,9 @@ def short(d: Diagnosis, rungs: list[Rung], files: Files | None, done: bool = Fal
             first, *typed = step.splitlines()
             lines += [f"  - {first}", *(f"    {line}" for line in typed)]
     if commands:
-        lines.append("  - For a model that predicts motions like these, without a new name:")
+        lines.append(
+            "  - For a model that predicts motions like these, although it names no effect:"
+        )
     lines += commands
     lines.append("  - All parameters, all steps and open questions: --verbose, --report R.html")
     return "\n".join(lines)
@@ -202,8 +204,8 @@ def _alike(d: Diagnosis, sure: list[Finding]) -> list[str]:
         others = [n for n in dict.fromkeys(others) if n != f.effect and n in catalogue.table()]
         if others:
             lines.append(
-                f"  {effect_on_joint(f)} acts like {listed(others)} in this motion: where both "
-                "act, its values hold the part of both"
+                f"  {effect_on_joint(f)} acts like {listed(others)} in this motion: if both act, "
+                "its values include the part of both"
             )
     return lines
 
@@ -486,8 +488,8 @@ def _later(d: Diagnosis, f: Finding) -> bool:
 #: Share of all that is to be explained below which the answer says of what it is one.
 OF_ALL = 0.01
 ERROR_LEGEND = (
-    "error %: before and after the effect, beside what was added before it; the first error of the "
-    "table below is that of the given model"
+    "error %: of the model without and with the effect, and with all that was added before it; the "
+    "first error of the table below is that of the given model"
 )
 EXPLAINS = (
     "explains %: share of the squared error above the noise floor before any effect was added; "

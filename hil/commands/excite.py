@@ -575,7 +575,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds",
         type=float,
-        help=f"length [s] (default {_SECONDS:g}); what needs longer at the speeds allowed takes it",
+        help=f"length [s] (default {_SECONDS:g}); longer where the allowed speeds require it",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the search (default 0)")
     parser.add_argument("--json", action="store_true", help="results as JSON on stdout")

@@ -188,7 +188,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="text, NPY, NPZ, MAT, HDF5, Parquet, Feather or XLSX file with columns t, q1.., "
         "tau1.. (SI); a ROS bag (.bag, .mcap, .db3 or a folder with metadata.yaml); the folder of "
         "a LeRobot data set; or a public recording, e.g. emps/DATA_EMPS.mat, found through "
-        f"{datasets.VARIABLE}; several files, or a folder of them, are read alike",
+        f"{datasets.VARIABLE}; several files, or a folder of them, are read with the same options",
     )
     parser.add_argument(
         "-o",

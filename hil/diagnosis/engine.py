@@ -479,7 +479,7 @@ def with_laws(made: list[UnnamedCorrection], search: Search) -> list[UnnamedCorr
 #: What names mean where the geometry is unknown.
 MEANS = (
     "Sums of sines and cosines without a name replace these. Effects are named only for the error "
-    "that is left beside these sums; what may be gravity gets no name, or no sure one."
+    "that is left beside these sums; what may be gravity gets no name, or an uncertain one."
 )
 
 

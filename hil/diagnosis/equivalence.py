@@ -385,7 +385,9 @@ def _of_one_run(among: tuple[Candidate, ...], planner: Planner) -> tuple[Candida
 def _structural(s: _Set, choice: Choice) -> str:
     """Why no motion tells a set apart."""
     left = 100 * (1 - choice.everything.share)
-    why = f"in all motions of the menu together, the other still explains {left:.1f} % of it"
+    why = (
+        f"in all motions of the menu together, the other still explains {left:.1f} % of its effort"
+    )
     if f"{left:.1f}" == "100.0":
         who = "the model's own parameters explain" if len(s.among) == 1 else "the other explains"
         why = f"in all motions of the menu together, {who} all of it as well"

@@ -81,7 +81,7 @@ class Touch:
         size = f"{self.size:.2g} {self.unit}"
         return (
             f"{self.joint}: an effort of up to {size} that the motion does not explain acts at "
-            f"{', '.join(when)} of {self.name}, and at no other time. Did a hand or a thing push "
+            f"{', '.join(when)} of {self.name}, and at no other time. Did a hand or an object push "
             f"there{start}? These times are left out of the fit, of the errors and of the noise "
             "floor"
         )
@@ -402,10 +402,10 @@ def pushed(result: FitResult, felt: NDArray[np.bool_]) -> list[tuple[str, str]]:
     return [
         (
             PUSHED,
-            f"a force at the tip that nobody measured gives {100 * taken:.0f} % of what is left on "
-            f"{moves.size} joints (noise: {100 * _FORCE / moves.size:.0f} %). It is slow and has "
-            f"an rms of {size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or leave "
-            "those times out",
+            f"an unmeasured force at the tip explains {100 * taken:.0f} % of the remaining error "
+            f"on {moves.size} joints (noise: {100 * _FORCE / moves.size:.0f} %). It is slow and "
+            f"has an rms of {size:.3g} N: a hand, a cable, a contact? Record it (fx, fy, fz), or "
+            "leave those times out",
         )
     ]
 

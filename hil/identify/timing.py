@@ -359,7 +359,7 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
         rest = (
             f" (and the efforts shifted by {a.shift * 1e3:.3g} ms)" if abs(a.shift) > 1e-5 else ""
         )
-        why = "No drive moves a joint before it pushes, so this is how they were recorded"
+        why = "No joint moves before its motor pushes, so the recording itself is late"
         why = "The model or map file says so" if stated else why
         return [
             (
@@ -379,9 +379,9 @@ def late_effort(problem: Problem) -> list[tuple[str, str]]:
     return [
         (
             RECORDED_LATE,
-            f"{said}. No drive moves a joint before it pushes, so they were recorded late, by a "
-            "slower bus or through a filter, or something acts that the catalogue lacks. To use "
-            "another value, set shift_s under [signal]; to change nothing, set it to 0",
+            f"{said}. No joint moves before its motor pushes: they were recorded late (a slower "
+            "bus, a filter), or an effect acts that the catalogue does not have. To use another "
+            "value, set shift_s under [signal]; to change nothing, set it to 0",
         )
     ]
 
@@ -443,9 +443,9 @@ def lateness(recording: Recording) -> Lateness:
         return Lateness(
             None,
             None,
-            "this motion does not show the delay between efforts and positions to half a sample; "
-            "to learn it, record a minute of strokes that last about a second each and take much "
-            "effort",
+            "this motion does not determine the delay between efforts and positions to half a "
+            "sample; to measure it, record a minute of strokes that take about one second each and "
+            "need much effort",
         )
     late = problem.alignment.late
     if problem.alignment.rate:

@@ -368,7 +368,7 @@ class TorqueSaturation(Effect):
         """Command less what is given of it."""
         limit, order = float(shape[0]), float(shape[1])
         # beyond a sharp limit only the command says what was asked for; of a gradual one the
-        # foretold effort does, and the measured one would explain whatever else grows with it
+        # predicted effort does, and the measured one would explain whatever else grows with it
         tau = motion.driven(j) if order else motion.tau[:, j]
         return (tau - given(tau, limit, order))[:, None]
 
@@ -452,11 +452,15 @@ class DeadZone(Effect):
     shape = (Param("D", "{F}", "half width", 0.0, size=True),)
     search = Grid(_dead_zone_grid)
     limits = (
-        Limit("unmet", _dead_zone_met, says="the efforts hardly pass it, or on one side only"),
+        Limit(
+            "unmet",
+            _dead_zone_met,
+            says="the efforts hardly exceed it, or exceed it in one direction only",
+        ),
         Limit(
             "unbraked",
             _dead_zone_apart,
-            says="the effort hardly ever brakes, and a dead zone and dry friction look alike then",
+            says="the effort hardly ever brakes; a dead zone then looks like dry friction",
         ),
         STRICT,
     )
@@ -505,7 +509,7 @@ class AsymmetricGain(Effect):
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """|tau|, as foretold: the measured one would explain its own noise."""
+        """|tau|, as predicted: the measured one would explain its own noise."""
         return np.abs(motion.driven(j))[:, None]
 
 

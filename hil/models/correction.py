@@ -2,7 +2,7 @@
 
 A correction says on which variables an effort depends, and not why.  It is never a finding: the
 search tries it where every named effect has failed and an error is left, so that the model that
-is written foretells as much as the data allow.
+is written predicts as much as the data allow.
 
 Source: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, chapter 5 (basis
 expansions); Lampaert, Swevers, Al-Bender, IEEE Trans. Automatic Control 47(4), 2002 (slip
@@ -35,7 +35,7 @@ from hil.models.motion import FloatArray, Motion
 #: Beyond the range by this factor a function of the position stays where it ends.
 RANGE_FACTOR = 1.05
 #: Degree of a function of the position.  Half: a joint's cable or foam needs two corrections;
-#: double: runs that go a little further than the fitted ones are foretold worse than without.
+#: double: runs that go a little further than the fitted ones are predicted worse than without.
 _DEGREE = 4
 #: Displacements at which the elements of a hysteresis slip, as multiples of the least one.
 _WIDER = (1.0, 3.0, 9.0)
@@ -101,10 +101,10 @@ def _doc(equation: str, variables: str, formulas: tuple[str, ...] = ()) -> Doc:
     return Doc(
         equation=equation,
         signature="no law of the catalogue explains it",
-        shown_by="the motion that was recorded: it foretells no other",
+        shown_by="the motion that was recorded: it predicts no other",
         source="Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2009, 5",
         caveat=(
-            "a function without a name: it foretells motions like the recorded ones and "
+            "a function without a name: it predicts motions like the recorded ones and "
             "explains none"
         ),
         variables=variables,

@@ -280,7 +280,7 @@ class GainDrift(Effect):
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Effort times s, as foretold: the measured one would explain its own noise."""
+        """Effort times s, as predicted: the measured one would explain its own noise."""
         return (_warmth(motion, j, shape) * motion.driven(j))[:, None]
 
 

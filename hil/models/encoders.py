@@ -43,7 +43,7 @@ _FAR, _FURTHEST = 0.35, 0.2
 def _lacks(motion: Motion, j: int) -> str:
     """Needs joints that feel each other's positions, and a fitted model."""
     if isinstance(motion.robot, IndependentAxes):
-        return "independent axes have no posture that a position could belie"
+        return "a wrong zero shows only in how joints act on each other; these axes do not"
     return _UNFITTED if motion.response is None else ""
 
 

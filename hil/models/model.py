@@ -229,7 +229,7 @@ class RobotModel(Shown):
         Parameters
         ----------
         runs : sequence of str
-            Runs that it is to foretell.  Where an effect has values of every run, one that was
+            Runs that it is to predict.  Where an effect has values of every run, one that was
             never fitted gets the median of the others.
         like : str
             Fitted run whose values those get instead.
@@ -248,7 +248,7 @@ class RobotModel(Shown):
         needed = [name for name in empty if not catalogue.get(name).traits & known]
         if needed or not any(u.values for u in self.effects):
             raise ConfigError(
-                f"the model has no values of {', '.join(empty)}, so it foretells nothing as it is; "
+                f"the model has no values of {', '.join(empty)}, so it predicts nothing as it is; "
                 "'hil fit SESSION.mcap --model M.toml -o FITTED.toml' finds them"
             )
         kept = {"fixed": True, "fixed_shape": True}

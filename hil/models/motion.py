@@ -94,7 +94,7 @@ class Motion:
     slipped : ndarray (d,) of bool, or (0,) where there are none
         Joints whose position jumps in any run.
     drive : ndarray (n, d), or (0, 0) where there is no model yet
-        Motor effort that the present model foretells [N m or N].  A law that scales the motor's
+        Motor effort that the present model predicts [N m or N].  A law that scales the motor's
         effort uses this one: the measured one holds what the model lacks, and would explain itself.
     friction : tuple of (ndarray (n,) or None), one a joint, or empty
         State of each joint's friction, 1 in steady sliding forwards, where it is another one than
@@ -223,7 +223,7 @@ class Motion:
         return out
 
     def driven(self, j: int) -> FloatArray:
-        """Effort of joint j's motor as the present model foretells it, (n,); else as measured."""
+        """Effort of joint j's motor as the present model predicts it, (n,); else as measured."""
         out: FloatArray = (self.drive if self.drive.size else self.tau)[:, j]
         return out
 

@@ -235,7 +235,7 @@ def undescribed(source: RobotSource, d: int, means: str = "") -> str:
     """
     if d == 1 or source.urdf or source.preset not in ("", "single-axis"):
         return ""
-    means = means or "Its values and errors hold what these do."
+    means = means or "Its values and errors include what these would explain."
     return (
         f"{d} joints without a robot description: the model has no gravity, no inertia "
         f"coupling and no kinematics. {means} Give --robot ARM.urdf (in the studio: its path). "

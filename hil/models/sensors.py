@@ -307,7 +307,7 @@ class VaryingGain(Effect):
     traits = Trait.REPLAYED
 
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
-        """Effort times what its scale varies with, as foretold: no noise explains itself."""
+        """Effort times what its scale varies with, as predicted: no noise explains itself."""
         return (_varied(motion, j, shape) * motion.driven(j))[:, None]
 
 

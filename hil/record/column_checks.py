@@ -266,7 +266,7 @@ def _refuse_not_finite(
     what = f"table {table.path}: {'; '.join(each)}"
     these = "it" if len(some) == 1 and bad[some[0]].size == 1 else "these rows"
     raise DataError(
-        f"{what}; cut or repair {these}, or say what to do with such rows: "
+        f"{what}; remove or repair {these}, or choose what is done with such rows: "
         'missing = "drop" or "interpolate" in [table] of a map, or '
         f"{table.option('missing', 'drop')} or {table.option('missing', 'interpolate')}"
     ).about("missing", what)

@@ -292,8 +292,8 @@ def read(path: str | Path, messages: bool = True) -> Container:
     if not _is_mcap(raw):
         what = f"session {path} {'is not an MCAP file' if raw else 'is empty'}"
         raise DataError(
-            f"{what}; tables and ROS bags are brought in by 'hil import' (from Python, a data "
-            "frame by hil.from_arrays)"
+            f"{what}; convert tables and ROS bags with 'hil import' (in Python, a data frame with "
+            "hil.from_arrays)"
         ).about("tables", what)
     out = Container(path, size=len(raw))
     reader = _Reader(out, messages, len(raw) >= _LARGE or "numba" in sys.modules)

@@ -443,9 +443,9 @@ def _whole(table: ForeignTable, stem: str, numbers: Sequence[int], d: int) -> No
     if missing:
         why = f"it has {count} (q columns)" if d else ""
         if not numbers and stem == "tau":
-            why += ", and without the motors' efforts no model of them can be found"
+            why += ", and without the motors' efforts no model can be fitted"
         if numbers and stem == "tau":
-            why += f"; of a joint without a motor write {missing[0]} = 0.0 in a map"
+            why += f"; for a joint without a motor, write {missing[0]} = 0.0 in a map"
         raise _no_column(table, missing, why)
     if max(numbers) > d:
         lacking = [f"q{k}" for k in numbers if k > d]

@@ -514,10 +514,10 @@ class _TextColumns:
                     ) from None
                 shown = text if len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]}..."
                 raise DataError(
-                    f"{where}: column {name!r} holds {shown!r}; expected a number. Names stand in "
-                    "one row, the last one before the numbers; a second row may hold their units. "
-                    "Say header_row = N in [table] of a map where other lines stand before the "
-                    "names, or begin these with #"
+                    f"{where}: column {name!r} holds {shown!r}; expected a number. The names of "
+                    "the columns must be in one row, directly above the numbers or above a row of "
+                    "units. If other lines come first, set header_row = N in [table] of a map, or "
+                    "begin these lines with #"
                 ) from None
 
 

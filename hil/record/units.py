@@ -39,10 +39,10 @@ FACTORS: dict[str, dict[str, float]] = {
 #: Units that say nothing without a scale: unit -> stem of a column -> what its scale is.
 UNSCALED: dict[str, dict[str, str]] = {
     "counts": {
-        "q": "rad (or m) by count, e.g. 0.00153398 for 4096 counts a turn of the joint",
-        "tau": "effort at the joint by count [N m or N]",
+        "q": "rad (or m) per count, e.g. 0.00153398 for 4096 counts a turn of the joint",
+        "tau": "effort at the joint per count [N m or N]",
     },
-    "counts/s": {"qd": "rad (or m) by count, e.g. 0.00153398 for 4096 counts a turn of the joint"},
+    "counts/s": {"qd": "rad (or m) per count, e.g. 0.00153398 for 4096 counts a turn of the joint"},
     "permille": {"tau": "rated effort at the joint [N m or N] / 1000"},
     "%": {"tau": "effort at the joint at 100 % [N m or N] / 100"},
 }

@@ -79,8 +79,8 @@ BOTH_ERRORS = (
 #: The same in one line, below a table of both.
 TWO_ERRORS = (
     "error %: of the predicted effort, with the motion as measured. simulated %: of the position, "
-    "simulated for {horizon:g} s; errors of the effort add up there, so that it may be large "
-    "although the model is adequate (docs/diagnosis.md)"
+    "simulated for {horizon:g} s with the measured efforts. Small errors of these add up in it, "
+    "so it may be large even for an adequate model (docs/diagnosis.md)"
 )
 #: Codes of warnings that stand beside the verdict.
 LEADING = (
@@ -366,8 +366,8 @@ def headline(m: Material) -> str:
     if m.verdict == "unexplained":
         if size := no_noise(m.warnings):
             return (
-                f"What is left is much of the effort and no noise of a sensor: {size}. No effect "
-                "of the catalogue explains it."
+                f"What the model does not explain is a large part of the effort, and no sensor "
+                f"noise: {size}. No effect of the catalogue explains it."
             )
         joint = _open(m)
         if only_there(m.after, m.last, m.floor):
@@ -459,8 +459,9 @@ def explains(blurred: bool, model: str, ratio: float = 1.0, floor: str = "") -> 
     if floor:
         over = f"an error of up to {ratio:.2f} times the noise floor" if ratio > ADEQUATE else ""
         return (
-            f"{model} leaves {over or 'an error at the noise floor'}, but {floor}. That nothing is "
-            "missing does not follow: white noise of the efforts makes less than half of its power."
+            f"{model} leaves {over or 'an error at the noise floor'}, but {floor}. This does "
+            "not show that nothing is missing: white noise of the efforts makes up less than half "
+            "of the power of that floor."
         )
     if blurred:
         return (
@@ -649,8 +650,8 @@ VERDICT_CONSEQUENCES = {
 
 #: Where several runs were fitted and what is left follows the time.
 EACH_ALONE = (
-    "Diagnose each run alone: what changes at another instant in every run, such as a gain that "
-    "is set anew, is told with its instant there."
+    "Diagnose each run alone. The answer then gives the instant of what changes at another time in "
+    "every run, such as a gain that is reset."
 )
 
 

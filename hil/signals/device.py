@@ -166,7 +166,7 @@ class Tareable(Protocol):
 
 
 class Wire(Protocol):
-    """Wire to the devices of one arm at signal level.
+    """Connection to the devices of one arm: raw counts and gauge words in, DAC codes out.
 
     `counts` (d,) and `gauges` (6,) hold the last answer and stay the same arrays; `trouble` says
     why the wire is lost.

@@ -65,14 +65,14 @@ def test_a_floor_that_no_noise_makes_stands_in_the_verdict():
     assert "that was tried" in told and "recorded motion" not in told
     assert d.verdict == "unexplained"
     for sentence in (headline(from_diagnosis(d)), verdict_sentence(d)):
-        assert "hat is left is much of the effort and no noise of a sensor" in sentence
+        assert "is a large part of the effort, and no sensor noise" in sentence
         assert "% on joint1" in sentence
 
 
 def test_a_floor_that_a_poor_sensor_makes_is_no_doubt():
     run = leant_on(1.5, 0.0)
     d = hil.diagnose([run], hil.base_model(run.robot))
-    assert d.verdict == "adequate" and "does not follow" not in verdict_sentence(d)
+    assert d.verdict == "adequate" and "does not show" not in verdict_sentence(d)
 
 
 def test_what_a_user_says_of_the_efforts_is_no_floor_to_wonder_at():

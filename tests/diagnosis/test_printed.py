@@ -57,7 +57,7 @@ def test_a_fitted_model_is_compared_as_it_is(run):
     assert seen.result.values["j1.coulomb.fc"].value == fitted_value(fitted)
     assert again.result.values["j1.coulomb.fc"].value != fitted_value(fitted)
     assert seen.result.rms[0] > again.result.rms[0]
-    with pytest.raises(ConfigError, match="foretells nothing as it is"):
+    with pytest.raises(ConfigError, match="predicts nothing as it is"):
         model.as_it_is()
 
 

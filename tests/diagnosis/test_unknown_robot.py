@@ -280,7 +280,10 @@ def test_every_answer_says_what_is_absent_and_what_to_do() -> None:
     compared, fitted = hil.compare(run, model), hil.fit(run, model)
     first = compare_text(compared).splitlines()[0]
     assert first.startswith("2 joints without a robot description: the model has no gravity")
-    assert "Its values and errors hold what these do." in first and "--robot ARM.urdf" in first
+    assert (
+        "Its values and errors include what these would explain." in first
+        and "--robot ARM.urdf" in first
+    )
     assert fit_text(fitted).splitlines()[0] == first
     assert fitted.warnings[0][0] == "no-geometry" and fitted.warnings[0][1] in first
     assert "what may be gravity gets no name" in diagnosed().warnings[0][1]

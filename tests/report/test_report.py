@@ -162,9 +162,8 @@ def test_unexplained_with_partial(drag: Diagnosis, tmp_path: Path) -> None:
 def test_unexplained_by_anything(tmp_path: Path) -> None:
     run = plants.tanh_axes("unknown")
     page = written(replace(diagnose([run], model(run)), verdict="unexplained"), tmp_path)
-    assert (
-        "What is left is much of the effort and no noise of a sensor: 32 % on joint1" in page.text
-    )
+    said = "What the model does not explain is a large part of the effort, and no sensor noise"
+    assert f"{said}: 32 % on joint1" in page.text
 
 
 def test_not_identifiable(tmp_path: Path) -> None:

@@ -557,7 +557,7 @@ def enable(self, before=runner.Session._enable):
     before(self)
 
 sessions, runner.Session._enable = [], enable
-runner.run(load_rig(rig_path(sys.argv[2])), 0.1, 1, "lockstep", sys.argv[1])
+runner.run_session(load_rig(rig_path(sys.argv[2])), 0.1, 1, "lockstep", sys.argv[1])
 found = sessions[0].found
 assert found["hil.rig.safety.limit"]
 print(*[name for name, n in compiled().items() if found.get(name) != n])
