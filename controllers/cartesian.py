@@ -595,9 +595,12 @@ class _Tip:
         if tip is None or axes is None:
             raise ConfigError("cartesian-coupling needs the frame 'tip' in the arm's URDF.")
         self.known = (
-            chain.known, chain.room, zero,
-            np.ascontiguousarray(turn.T @ (tip[0] - at)), np.ascontiguousarray(turn.T @ axes[0]),
-        )  # fmt: skip
+            chain.known,
+            chain.room,
+            zero,
+            np.ascontiguousarray(turn.T @ (tip[0] - at)),
+            np.ascontiguousarray(turn.T @ axes[0]),
+        )
         middle, mass = np.array(arm.center), np.zeros((d, d))
         tip_of(self.known, middle, at, turn, jac, grav, scratch)
         self.reach = reach(jac, np.zeros((6, 6)), np.zeros((6, 6)))
@@ -662,9 +665,10 @@ class CartesianCoupling:
         room["rub"] = [per_joint(getattr(config, name), d, name) for name in _JOINTS[2:]]
         self._known, self._room = known, room
         places = [
-            f"{arm}.start_{what}" for arm in arms
+            f"{arm}.start_{what}"
+            for arm in arms
             for what in (*"xyz", *(f"{i}{j}" for i in "xyz" for j in "xyz"))
-        ]  # fmt: skip
+        ]
         speeds = [f"{arm}.speed{i + 1}" for arm in arms for i in range(d)]
         self.state_names = ("started", *places, *speeds, *_SHOWN)
 

@@ -198,8 +198,12 @@ def network(window: Browser) -> Moments:
 
 
 SCENARIOS = {
-    "report": report, "studio": studio, "table": table, "operator": operator, "network": network,
-}  # fmt: skip
+    "report": report,
+    "studio": studio,
+    "table": table,
+    "operator": operator,
+    "network": network,
+}
 
 
 def prepare() -> None:

@@ -601,8 +601,11 @@ def goals(r: Report) -> str:
         rows.append(f"- {longest.recorded:g} s: {longest.peak_mib:.0f} MiB, goal {PEAK_MIB:g}")
         met.append(longest.peak_mib <= PEAK_MIB)
     for missing in DATA:
-        same = {x.joints: x.seconds for x in r.lengths
-                if (x.recorded, x.data) == (r.recorded, DATA[missing])}  # fmt: skip
+        same = {
+            x.joints: x.seconds
+            for x in r.lengths
+            if (x.recorded, x.data) == (r.recorded, DATA[missing])
+        }
         if same.keys() >= ARMS.keys():
             ratio = same[7] / same[3]
             goal = f"goal {SEVEN_OVER_THREE:g}"

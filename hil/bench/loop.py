@@ -582,8 +582,10 @@ def page_rows(found: list[PageRow]) -> list[list[str]]:
     """Cells of the table."""
     out = []
     for row, cells in zip(found, rows([r.run for r in found]), strict=True):
-        ratios = ("-" if math.isnan(r[1]) else f"{r[1]:.2f} ({r[0]:.2f}-{r[2]:.2f})"
-                  for r in (row.p50, row.p99, row.p999))  # fmt: skip
+        ratios = (
+            "-" if math.isnan(r[1]) else f"{r[1]:.2f} ({r[0]:.2f}-{r[2]:.2f})"
+            for r in (row.p50, row.p99, row.p999)
+        )
         out.append([*cells[:-2], *ratios, cells[-1]])
     return out
 

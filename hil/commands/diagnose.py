@@ -779,9 +779,12 @@ def group_answer(args: argparse.Namespace) -> dict[str, Any]:
     if result.ladder:
         _as_typed(result, args)
     files = Files(
-        tuple(args.typed), tuple(args.holdout), args.model or "", args.arm or "",
+        tuple(args.typed),
+        tuple(args.holdout),
+        args.model or "",
+        args.arm or "",
         common.bag_words(args),
-    )  # fmt: skip
+    )
     return {
         "diagnosis": _json(result, rungs, rising(rungs)),
         "text": short(result, rungs, files),

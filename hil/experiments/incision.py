@@ -167,9 +167,11 @@ def fitted_friction(rig: RigConfig, arm: str, folder: Path, seed: int) -> list[f
     write_trajectory(motion, path)
     own = rig.controller.parameters
     law = {
-        "trajectory": str(path), "bandwidth_hz": _BANDWIDTH, "friction": own[f"{arm}_friction"],
+        "trajectory": str(path),
+        "bandwidth_hz": _BANDWIDTH,
+        "friction": own[f"{arm}_friction"],
         "armature": own[f"{arm}_armature"],
-    }  # fmt: skip
+    }
     still = {"truth_seed": rig.simulation["truth_seed"]}
     alone = replace(rig, controller=ControllerConfig("joint-pd", (arm,), law), simulation=still)
     recorded = folder / f"{arm}.mcap"
@@ -209,9 +211,13 @@ def _session(
 
 
 def held_error(
-    error: FloatArray, turned: FloatArray, shaft: FloatArray, inside: FloatArray, k: float,
+    error: FloatArray,
+    turned: FloatArray,
+    shaft: FloatArray,
+    inside: FloatArray,
+    k: float,
     kr: float,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Error of the tip (n, 3) if the shaft were held, from a session where it is not; see above.
 
     Parameters

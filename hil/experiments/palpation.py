@@ -221,9 +221,11 @@ def stroked(
 def stroking(law: Mapping[str, Any]) -> RigConfig:
     """Rig with a machine that strokes across a bolt in the gel and presses down."""
     operator = {
-        "kind": "stroking", "frequency": 2 * _STROKE_HZ, "size": [0.0, _REACH, 0.0],
+        "kind": "stroking",
+        "frequency": 2 * _STROKE_HZ,
+        "size": [0.0, _REACH, 0.0],
         "force": _PRESSED,
-    }  # fmt: skip
+    }
     gel = {"below_home": 0.005, "stiffness": _SOFT, "bolt": {"place": 0.0}}
     simulation = {"operator": operator, "gel": gel}
     config = load_rig(rig_path("lawrence"), {"simulation": simulation})
@@ -358,8 +360,9 @@ def _page_rows(data: PageData) -> TableRows:
 def _page_read(found: Means) -> list[str]:
     best = found["sensitivity-optimised (SO)"]
     with_sensors, without = (
-        found["four channels"], found["four channels, force-sensor-free"],
-    )  # fmt: skip
+        found["four channels"],
+        found["four channels, force-sensor-free"],
+    )
     low = found["benchmark (position error)"]
     strayed = [abs(r[3].mean / r[4].mean - 1) for name, r in found.items() if name != BARE]
     return [

@@ -104,11 +104,15 @@ def signals(seed: int, report: Callable[[str], None], trials: int) -> dict[str, 
         for controller, designs in _controllers(axes).items():
             report(controller)
             law = given | law_parameters.law_table(designs)
-            found = np.array([
-                [palpation.run_impedances(folder, law, k, seed + 10 * n + i)
-                 for i, k in enumerate(places)]
-                for n in range(trials)
-            ])  # fmt: skip
+            found = np.array(
+                [
+                    [
+                        palpation.run_impedances(folder, law, k, seed + 10 * n + i)
+                        for i, k in enumerate(places)
+                    ]
+                    for n in range(trials)
+                ]
+            )
             sizes[controller] = np.log(np.abs(found[:, :, 0]))
             if controller == SO:
                 sizes[PEN] = np.log(np.abs(found[:, :, 1]))
@@ -188,8 +192,11 @@ def _p(gaps: FloatArray, at: float, side: str) -> Any:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(spread > 0, off / (spread / np.sqrt(n)), np.sign(off) * np.inf)
     t = np.where((spread == 0) & (off == 0), 0.0, t)
-    tails = {"two-sided": 2 * stats.t.sf(abs(t), n - 1), "greater": stats.t.sf(t, n - 1),
-             "less": stats.t.cdf(t, n - 1)}  # fmt: skip
+    tails = {
+        "two-sided": 2 * stats.t.sf(abs(t), n - 1),
+        "greater": stats.t.sf(t, n - 1),
+        "less": stats.t.cdf(t, n - 1),
+    }
     return tails[side]
 
 

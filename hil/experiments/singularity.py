@@ -242,8 +242,9 @@ class _Lanes:
 
     def _sense(self) -> Any:
         """What the law sees: place, speed, acceleration, (3, arms, lanes)."""
-        x = np.where(self.step > 0, np.floor(self.xr / np.maximum(self.step, 1e-9)) * self.step,
-                     self.xr)  # fmt: skip
+        x = np.where(
+            self.step > 0, np.floor(self.xr / np.maximum(self.step, 1e-9)) * self.step, self.xr
+        )
         raw = np.zeros_like(x) if self.past is None else (x - self.past) / _PERIOD
         self.v += (1 - np.exp(-2 * np.pi * _VELOCITY_HZ * _PERIOD)) * (raw - self.v)
         told = np.where(self.motor, self.ar, self.at) + _NOISE * self.rng.normal(size=(2, 1))
@@ -265,10 +266,12 @@ class _Lanes:
         def pull(c: Any, w: Any) -> Any:
             return c[0] * w[0] + c[1] * w[1] + c[2] * w[2]
 
-        asked = np.stack([
-            -pull(self.c4, far[:, 1]) - pull(self.c8, own[:, 0]),
-            pull(self.c1, far[:, 0]) - pull(self.c7, own[:, 1]),
-        ])  # fmt: skip
+        asked = np.stack(
+            [
+                -pull(self.c4, far[:, 1]) - pull(self.c8, own[:, 0]),
+                pull(self.c1, far[:, 0]) - pull(self.c7, own[:, 1]),
+            ]
+        )
         helped = self.known * self.friction(own[1])
         felt = self._move(k, asked + helped)
         bad = ~(np.abs(self.xr) < _FAR).all(0)
@@ -343,10 +346,14 @@ def command(args: argparse.Namespace) -> Found:
     """How close to the force estimation singularity the hardware lets a law come."""
     rows = study(args.seed, QUICK_KAPPAS if args.quick else KAPPAS)
     cells = [
-        [r.factor, r.level, *(f"{x:.2f}" for x in (r.stable, r.handed_back, r.accurate)),
-         "-" if math.isnan(r.linear) else f"{r.linear:.2f}"]
+        [
+            r.factor,
+            r.level,
+            *(f"{x:.2f}" for x in (r.stable, r.handed_back, r.accurate)),
+            "-" if math.isnan(r.linear) else f"{r.linear:.2f}",
+        ]
         for r in rows
-    ]  # fmt: skip
+    ]
     head = ["changed", "to", *PAGE.head[1:]]
     return terminal.table(head, cells), {"rows": [asdict(r) for r in rows]}
 

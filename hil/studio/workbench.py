@@ -150,8 +150,11 @@ class Workbench:
 
     def __post_init__(self) -> None:
         if not self.stack:
-            self.stack = [StudioRung("base model" if not self.inputs.model_file else "given model",
-                               self.inputs.model)]  # fmt: skip
+            self.stack = [
+                StudioRung(
+                    "base model" if not self.inputs.model_file else "given model", self.inputs.model
+                )
+            ]
 
     # ------------------------------------------------------------ what can be asked
 
@@ -450,8 +453,9 @@ class Workbench:
 
     def _candidates(self, c: Comparison) -> list[dict[str, Any]]:
         """Best candidates of the current model, each with what it does and a sentence."""
-        alone = Diagnosis("compared", [], [Step("model", c.result, c.heldout)],
-                          c.evidence, c.evidence)  # fmt: skip
+        alone = Diagnosis(
+            "compared", [], [Step("model", c.result, c.heldout)], c.evidence, c.evidence
+        )
         held = {(u.type, j) for u in c.result.model.effects for j in u.joints}
         rows: list[dict[str, Any]] = []
         for x in c.evidence.candidates:

@@ -30,15 +30,19 @@ MODULES, ONE_IMPORTER, UNNAMED = 340, 25, 14
 OF_A_DIAGNOSIS = 90
 #: What every command, study, benchmark, driver, law, file of effects or simulated session has, or
 #: may have, by one name: its table or its caller finds it so.
-ROLES = {
-    "main", "run", "configure", "command", "EXAMPLE", "text", "as_dict",
-    "study", "PAGE", "page", "report", "rows", "steps", "verdict", "HEAD",
-    "Config", "build", "law", "constants", "open_device",
-    "open_box", "attached", "BUS", "ADDRESS", "put", "BOXES",
-    "EFFECTS", "SCHEMA", "TARGET", "kinds", "simulate", "TYPE_CHECKING",
-}  # fmt: skip
+ROLES = frozenset(
+    """
+    main run configure command EXAMPLE text as_dict
+    study PAGE page report rows steps verdict HEAD
+    Config build law constants open_device
+    open_box attached BUS ADDRESS put BOXES
+    EFFECTS SCHEMA TARGET kinds simulate TYPE_CHECKING
+    """.split()
+)
 #: Most public functions and constants that share their name with another one.
 SHARED = 150
+#: Most places that keep the formatter off.
+UNFORMATTED = 49
 _COUNT = """
 import sys
 from hil.cli import main
@@ -140,6 +144,12 @@ def test_no_two_public_things_share_a_name():
     classes = [n for n, entries in shared.items() if any(k is ast.ClassDef for k, _, _ in entries)]
     assert not classes, {name: places[name] for name in classes}
     assert len(shared) <= SHARED, "\n".join(f"{n}: {', '.join(p)}" for n, p in places.items())
+
+
+def test_the_formatter_is_rarely_kept_off():
+    folders = ("hil", "controllers", "drivers", "sim_devices", "tests", "docs")
+    files = [p for f in folders for p in (ROOT / f).rglob("*.py") if not _linked(p)]
+    assert sum(p.read_text().count("# fmt: " + "skip") for p in files) <= UNFORMATTED
 
 
 def test_what_a_table_loads_by_name_is_there():

@@ -410,8 +410,9 @@ def test_a_log_of_dvrk_has_its_own_words_and_a_time_of_two_parts():
     each = [f"{kind}_{k}" for kind in ("jp", "jv", "jf", "setpoint_jp") for k in range(2)]
     found = propose(("stamp_sec", "stamp_nsec", *each))
     assert parse_map(tomllib.loads(found.text)).arms[""]["t"].terms == {
-        "stamp_sec": 1.0, "stamp_nsec": 1e-9
-    }  # fmt: skip
+        "stamp_sec": 1.0,
+        "stamp_nsec": 1e-9,
+    }
     told = {k: v for k, v in found.columns.items() if k != "t"}
     assert told == {
         "q1": "jp_0", "q2": "jp_1", "qd1": "jv_0", "qd2": "jv_1", "tau1": "jf_0", "tau2": "jf_1"
@@ -458,8 +459,12 @@ def test_a_current_given_as_a_torque_is_the_effort_beside_the_current_itself():
     """It had been left out, and the current was refused for want of a torque constant."""
     names = ["timestamp", "actual_q_0", "actual_current_0", "actual_current_as_torque_0"]
     found, units = _read(names)
-    assert found == {"t": "timestamp", "q1": "actual_q_0", "i1": "actual_current_0",
-                     "tau1": "actual_current_as_torque_0"}  # fmt: skip
+    assert found == {
+        "t": "timestamp",
+        "q1": "actual_q_0",
+        "i1": "actual_current_0",
+        "tau1": "actual_current_as_torque_0",
+    }
     assert units == {}
 
 

@@ -82,9 +82,11 @@ def test_the_law_allocates_nothing_that_stays():
 
 def test_a_force_sensor_that_would_be_turned_by_the_joints_of_another_arm_is_refused():
     sensor = {
-        "driver": "ft-sensor", "arm": "follower", "channels": {"gauges": ["tool-ft/0"]},
+        "driver": "ft-sensor",
+        "arm": "follower",
+        "channels": {"gauges": ["tool-ft/0"]},
         "options": {"model": "nano17"},
-    }  # fmt: skip
+    }
     box = {"driver": "netft-rdt", "address": "192.168.1.1"}
     config = load_rig("surgical", {"devices": {"tool-force": sensor}, "boxes": {"tool-ft": box}})
     with pytest.raises(ConfigError, match="'tool-force' turns what it reads by the joints"):

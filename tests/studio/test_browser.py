@@ -37,8 +37,9 @@ def folder(tmp_path_factory):
 def page(folder):
     """A page of a studio that was opened with nothing; what went wrong in it is an error."""
     environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "HIL_STATE": str(folder / "state"),
-    }  # fmt: skip
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "HIL_STATE": str(folder / "state"),
+    }
     process = subprocess.Popen(
         [sys.executable, "-m", "hil", "studio", "--no-browser"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment,

@@ -187,8 +187,10 @@ def test_the_proposed_design_works(tmp_path, capsys):
 
     assert written({}) == 2
     said = capsys.readouterr().err
-    found = {c: [float(re.search(rf"\b{c} = (-?[\d.e-]+)", said[said.index("nearest") :])[1])]
-             for c in FORCE_GAINS}  # fmt: skip
+    found = {
+        c: [float(re.search(rf"\b{c} = (-?[\d.e-]+)", said[said.index("nearest") :])[1])]
+        for c in FORCE_GAINS
+    }
     assert written(found) == 0
     assert "may run" in capsys.readouterr().out
 

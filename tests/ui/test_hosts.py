@@ -63,9 +63,12 @@ def test_on_every_address_a_request_needs_the_token(given):
 
 @pytest.mark.parametrize(
     ("host", "port", "said"),
-    [("192.0.2.7", 0, "no address of this machine"), ("127.0.0.1", 70_000, "65535"),
-     ("no such name", 0, "no such address")],
-)  # fmt: skip
+    [
+        ("192.0.2.7", 0, "no address of this machine"),
+        ("127.0.0.1", 70_000, "65535"),
+        ("no such name", 0, "no such address"),
+    ],
+)
 def test_where_a_page_cannot_listen_is_said(host, port, said):
     with pytest.raises(ConfigError, match=said):
         serve_until_interrupt(None, host, port, lambda here, there: None, "secret")
