@@ -80,15 +80,15 @@ def agreed():
     """Agree to what a model file, or the cut program of a rig, would run."""
 
     def agree(what):
-        from hil import consent
+        from hil import trusted_code
         from hil.rig.config import SafetyConfig
         from hil.rig.cut import proven
 
         if isinstance(what, Path):
-            found = consent.plugin(what, what.read_bytes())
+            found = trusted_code.plugin(what, what.read_bytes())
         else:
-            found = consent.cut_program(proven(SafetyConfig(watchdog=1.0, cut=tuple(what))))
-        consent.give(found)
+            found = trusted_code.cut_program(proven(SafetyConfig(watchdog=1.0, cut=tuple(what))))
+        trusted_code.give(found)
         return found
 
     return agree

@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hil import consent
-from hil.consent import Executable
+from hil import trusted_code
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
 from hil.rig.cut import proven
 from hil.rigs import packaged
 from hil.toml import parse
+from hil.trusted_code import Executable
 from hil.userfile import LARGEST_TEXT, parse_toml, read_bytes, read_text
 
 EXAMPLE = "hil trust my-model.toml my-rig.toml"
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """List what the files would run, and remember that the user agrees to it."""
     found = [(path, what) for path in args.files for what in executables(Path(path))]
     for _, what in found if not args.show else ():
-        (consent.withdraw if args.forget else consent.give)(what)
+        (trusted_code.withdraw if args.forget else trusted_code.give)(what)
     if args.json:
         rows = [{"file": path, **entry(what)} for path, what in found]
         sys.stdout.write(json.dumps({"schema": "hil.trust/1", "executables": rows}) + "\n")
@@ -84,7 +84,7 @@ def executables(path: Path) -> list[Executable]:
             return [_plugin((path.parent / name).resolve()) for name in plugins(table)]
         if str(table.get("schema")).startswith("hil.rig/"):
             words = proven(_safety(table))
-            return [consent.cut_program(words)] if words else []
+            return [trusted_code.cut_program(words)] if words else []
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     raise ConfigError(
@@ -106,7 +106,7 @@ def named_in_session(attachments: Mapping[str, bytes]) -> list[str]:
         except (ConfigError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             found.append(f"{name} cannot be read: {error}")
             continue
-        texts += [f"cut program {consent.quoted_command(words)}"] if words else []
+        texts += [f"cut program {trusted_code.quoted_command(words)}"] if words else []
         found += [f"{name} names {text}" for text in texts]
     return found
 
@@ -121,7 +121,7 @@ def plugins(table: Mapping[str, Any]) -> list[str]:
 
 def _plugin(path: Path) -> Executable:
     try:
-        return consent.plugin(path, read_bytes(path, LARGEST_TEXT))
+        return trusted_code.plugin(path, read_bytes(path, LARGEST_TEXT))
     except OSError as error:
         raise ConfigError(f"plugin {path}: no such Python file ({error})") from error
 

@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
-from hil import consent
+from hil import trusted_code
 from hil.errors import ConfigError, in_short, near_name, unknown
 from hil.models.effect import FIXED, NEVER, Effect
 from hil.models.parts import Doc, Relations, Scope, ShapeSearch, Trait, Variation
@@ -136,15 +136,15 @@ def load_text(path: Path, source: bytes, said_in: Path | None = None) -> None:
     spec = importlib.util.spec_from_file_location(_MODULE + path.stem, path)
     if spec is None:
         raise ConfigError(f"plugin {path}: no such Python file")
-    beside = consent.local_modules(path, source)
+    beside = trusted_code.local_modules(path, source)
     if said_in is not None:
-        consent.require(consent.plugin(path, source, beside), str(said_in))
+        trusted_code.require(trusted_code.plugin(path, source, beside), str(said_in))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up by name
     called = near_name(str(path))
     try:
         code = compile(source, spec.origin or str(path), "exec", dont_inherit=True)
-        with consent.loading(path, beside):
+        with trusted_code.loading(path, beside):
             exec(code, module.__dict__)
     except ConfigError:
         raise

@@ -14,9 +14,9 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
-from hil.consent import found_by_env, interpreted, quoted_command
 from hil.errors import ConfigError
 from hil.rig.config import SafetyConfig
+from hil.trusted_code import found_by_env, interpreted, quoted_command
 from hil.userfile import open_regular
 
 #: Times without a tick that a watchdog can tell from ordinary delays, and that make sense [s].

@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hil import consent
+from hil import trusted_code
 from hil.errors import ConfigError, DeviceError
 from hil.rig.config import SafetyConfig
 from hil.rig.cut import proven
@@ -145,11 +145,11 @@ def latch_of(words: Sequence[str]) -> Path:
     """
     plain = [os.path.realpath(word) if _is_path(word) else word for word in words[1:]]
     key = "\0".join([os.path.realpath(words[0]), *plain])
-    return consent.folder() / "cut" / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
+    return trusted_code.folder() / "cut" / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
 
 
 def _is_path(word: str) -> bool:
-    return os.path.exists(word) and (os.sep in word or consent.is_script(Path(word)))
+    return os.path.exists(word) and (os.sep in word or trusted_code.is_script(Path(word)))
 
 
 def latched(words: Sequence[str]) -> str:
@@ -174,8 +174,8 @@ def watchdog_state(
         words = proven(config)
         if not words:
             return None
-        asked = consent.cut_program(words)
-        consent.require(asked, source)
+        asked = trusted_code.cut_program(words)
+        trusted_code.require(asked, source)
     except ConfigError as error:
         return False, str(error)
     why = latched(words)
@@ -215,7 +215,7 @@ def guarded_session(
     if not words:
         yield None
         return
-    consent.require(consent.cut_program(words), source)
+    trusted_code.require(trusted_code.cut_program(words), source)
     latch, report = latch_of(words), report_path(session.absolute())
     why = latched(words)
     if why and not rearm:
@@ -234,14 +234,14 @@ def guarded_session(
 @contextlib.contextmanager
 def _reserved(latch: Path) -> Iterator[Path]:
     """A latch made before it is needed: a disk that fills up during the session cannot lose it."""
-    consent.ask_consent(latch.parent)
+    trusted_code.ask_consent(latch.parent)
     reserve = latch.with_name(f"{latch.name}.{os.getpid()}.reserve")
     try:
         watchdog.write_report(reserve, watchdog.UNTOLD)
     except OSError as error:
         reserve.unlink(missing_ok=True)
         raise ConfigError(
-            f"the watchdog's latch cannot be prepared: {consent.unwritable(error, reserve)}"
+            f"the watchdog's latch cannot be prepared: {trusted_code.unwritable(error, reserve)}"
         ) from error
     try:
         yield reserve

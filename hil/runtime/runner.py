@@ -501,8 +501,8 @@ def run_session(
         answer, or its last cut is latched.
     ConfigError
         The model is none of this rig.  The program of ``[safety] cut`` cannot be run, or the user
-        has not agreed to it (`hil.consent`).  The session could not be written on, e.g. for a full
-        disk; the loop ran to its end.  Or the recording in place of the boxes ended before it.
+        has not agreed to it (`hil.trusted_code`).  The session could not be written on, e.g. for a
+        full disk; the loop ran to its end.  Or the recording in place of the boxes ended before it.
     """
     config = session.with_run_options(config, seconds, seed, clock)
     if model is not None:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hil import consent
+from hil import trusted_code
 from hil.errors import ConfigError, HilError, with_place
 from hil.models import catalogue
 from hil.models.robots import make_robot, undescribed
@@ -373,7 +373,7 @@ def learn_effects(
     source = text.encode()
     if path.exists() and not ours and read_bytes(path, LARGEST_TEXT) != source:
         raise ConfigError(f"cannot write {path}: a file is there; choose another name")
-    consent.give(consent.plugin(path, source))
+    trusted_code.give(trusted_code.plugin(path, source))
     # tried before it is written: one that never ends must not be loaded again by the next process
     names = _load(path, source, needed)
     try:

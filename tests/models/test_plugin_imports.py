@@ -5,9 +5,9 @@ import json
 import pytest
 
 from hil.cli import main
-from hil.consent import local_modules
 from hil.errors import ConfigError
 from hil.models import catalogue
+from hil.trusted_code import local_modules
 
 EFFECT = """
 from dataclasses import dataclass

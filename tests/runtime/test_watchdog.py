@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import consent
+from hil import trusted_code
 from hil.cli import main
 from hil.commands.selftest import selftest
 from hil.errors import ConfigError, DeviceError
@@ -419,7 +419,7 @@ def test_programs_and_scripts_are_found(tmp_path, monkeypatch):
     for words in (("env", "A=1", "sh", "ok"), ("sh", "-c", "no such"), ("bash", "-o", "x", "ok")):
         assert cut.proven(SafetyConfig(watchdog=1.0, cut=words))[1:] == words[1:]
     # a script as a word, longer than a name of a file may be
-    assert consent.cut_program(("/bin/sh", "-c", "true;" * 100)).digest
+    assert trusted_code.cut_program(("/bin/sh", "-c", "true;" * 100)).digest
     assert cut.proven(SafetyConfig()) == ()
     with pytest.raises(ConfigError, match="is never run, because watchdog = 0"):
         cut.proven(SafetyConfig(cut=("touch", "x")))
@@ -507,34 +507,36 @@ def test_what_counts_of_a_cut_program(tmp_path):
     script.write_text("print(1)")
     log.write_text("")
     words = ["/bin/sh", str(script), str(log)]
-    before = consent.cut_program(words)
+    before = trusted_code.cut_program(words)
     log.write_text("cut")
-    assert consent.cut_program(words) == before
-    assert consent.cut_program(words[:2]).digest != before.digest
+    assert trusted_code.cut_program(words) == before
+    assert trusted_code.cut_program(words[:2]).digest != before.digest
     script.write_text("print(2)")
-    assert consent.cut_program(words).digest != before.digest
+    assert trusted_code.cut_program(words).digest != before.digest
     # a script is one by whatever name an interpreter is given it
     plain = tmp_path / "off"
     for command in (["/bin/sh", "-x", str(plain)], ["/usr/bin/env", "A=1", "python3", str(plain)]):
         plain.write_text("1")
-        before = consent.cut_program(command).digest
+        before = trusted_code.cut_program(command).digest
         plain.write_text("2")
-        assert consent.cut_program(command).digest != before
+        assert trusted_code.cut_program(command).digest != before
 
 
 def test_what_would_run_is_shown_on_one_line_word_by_word(tmp_path, state):
-    shown = consent.cut_program(["/bin/sh", "-c", "x\ny.toml: runs nothing\u202e", "a b", ""]).text
+    shown = trusted_code.cut_program(
+        ["/bin/sh", "-c", "x\ny.toml: runs nothing\u202e", "a b", ""]
+    ).text
     assert shown == r"/bin/sh -c 'x\ny.toml: runs nothing\u202e' 'a b' ''"
-    assert "\n" not in consent.plugin(tmp_path / "a\nb.py", b"").text
+    assert "\n" not in trusted_code.plugin(tmp_path / "a\nb.py", b"").text
 
 
 def test_agreements_are_kept_in_the_users_folder(monkeypatch, tmp_path):
-    monkeypatch.delenv(consent.STATE_VARIABLE)
+    monkeypatch.delenv(trusted_code.STATE_VARIABLE)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert consent.folder() == tmp_path / "hil"
+    assert trusted_code.folder() == tmp_path / "hil"
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert consent.folder() == tmp_path / ".local" / "state" / "hil"
+    assert trusted_code.folder() == tmp_path / ".local" / "state" / "hil"
 
 
 #: Prints what was compiled or loaded between power and the end of a session.

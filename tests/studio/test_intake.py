@@ -9,7 +9,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil import consent
+from hil import trusted_code
 from hil.cli import main
 from hil.errors import ConfigError, DataError, HilError
 from hil.models import catalogue
@@ -50,7 +50,7 @@ def picks(constant="2.0", **more):
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(consent.STATE_VARIABLE, str(tmp_path / "state"))
+    monkeypatch.setenv(trusted_code.STATE_VARIABLE, str(tmp_path / "state"))
     return tmp_path
 
 
@@ -228,7 +228,7 @@ def test_an_own_effect_is_agreed_to_checked_and_ranked(begun):
     state = session.ask("learn", given | {"agreed": "yes"})
     (mine,) = [c for c in state["candidates"] if c["own"]]
     assert mine["effect"] == "eyelet-drag" and state["own"] == ["eyelet-drag"]
-    assert consent.plugin(folder / "my_effects.py", TEMPLATE.encode()).trusted
+    assert trusted_code.plugin(folder / "my_effects.py", TEMPLATE.encode()).trusted
     added = session.ask("add", {"effect": "eyelet-drag", "joint": state["joints"][0]})
     assert "eyelet-drag" in [u["effect"] for u in added["model"]]
     # the file that is saved names the effects, and a new process knows them

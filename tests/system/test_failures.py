@@ -13,7 +13,7 @@ import plants
 import pytest
 
 import hil
-from hil import consent
+from hil import trusted_code
 from hil.cli import main
 from hil.errors import families, unknown
 from hil.models import catalogue
@@ -54,7 +54,7 @@ def folder(tmp_path, monkeypatch):
 def own(folder, body, name="broken"):
     text = EFFECT.format(name=name, body=body)
     (folder / "mine.py").write_text(text)
-    consent.give(consent.plugin(folder / "mine.py", text.encode()))
+    trusted_code.give(trusted_code.plugin(folder / "mine.py", text.encode()))
     (folder / "m.toml").write_text(MODEL + f'[[effects]]\ntype = "{name}"\n')
 
 

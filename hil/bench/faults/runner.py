@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from hil import consent, terminal
+from hil import terminal, trusted_code
 from hil.bench.faults import cases
 from hil.bench.faults.cases import Fault, FaultySession
 from hil.errors import DataError, HilError
@@ -292,7 +292,7 @@ def child(name: str, path: Path) -> int:
     words = ["sh", "-c", case.cut.format(path=path)]
     config = load_rig(rig_path("teleop"), {"safety": {"watchdog": _TIMEOUT, "cut": words}})
     # the words of this file; what is remembered is in the folder of the bench
-    consent.give(consent.cut_program(proven(config.safety)))
+    trusted_code.give(trusted_code.cut_program(proven(config.safety)))
     faulty = FaultySession(lambda t: None)
     case.act(path)
     faulty.js = _every_tenth()
@@ -325,7 +325,7 @@ def in_child(name: str, folder: Path) -> Outcome:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, consent.STATE_VARIABLE: state},
+            env={**os.environ, trusted_code.STATE_VARIABLE: state},
         )
         assert process.stdout is not None  # noqa: S101  (asked for above)
         for line in process.stdout:

@@ -283,12 +283,12 @@ def plugin(
     source : bytes
         Its text.
     modules : mapping, optional
-        What `hil.consent.local_modules` has found.
+        What `hil.trusted_code.local_modules` has found.
 
     Raises
     ------
     ConfigError
-        As of `hil.consent.local_modules`.
+        As of `hil.trusted_code.local_modules`.
     """
     digest = hashlib.sha256(b"plugin\0" + source)
     modules = local_modules(path, source) if modules is None else modules
