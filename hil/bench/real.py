@@ -30,7 +30,7 @@ from hil.bench import least_squares_script
 from hil.bench.diagnosis import runner
 from hil.diagnosis.heldout import Examiner
 from hil.errors import DataError, unknown
-from hil.experiments.replicate import LostRun, Where, computer, counted, spread
+from hil.experiments.parallel_runs import LostRun, Where, computer, counted, spread
 from hil.identify.context import renew
 from hil.identify.problem import Problem
 from hil.interrupt import held_back, with_its_parent

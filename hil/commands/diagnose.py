@@ -728,11 +728,11 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print: one robot's sessions together, those of several group by group."""
     if _many(args):
-        from hil.commands import groups  # only where there may be several
+        from hil.commands import many_sessions  # only where there may be several
 
-        found = groups.session_groups(args)
-        if groups.several(args, found):
-            return groups.run_groups(args, found, group_answer)
+        found = many_sessions.session_groups(args)
+        if many_sessions.several(args, found):
+            return many_sessions.run_groups(args, found, group_answer)
     return concluded(args)
 
 
@@ -772,7 +772,7 @@ def _many(args: argparse.Namespace) -> bool:
 
 
 def group_answer(args: argparse.Namespace) -> dict[str, Any]:
-    """JSON and short answer of one group of sessions, see `hil.commands.groups`."""
+    """JSON and short answer of one group of sessions, see `hil.commands.many_sessions`."""
     runs, held, model = common.load_inputs(args)
     result = engine.diagnose(runs, model, held)
     rungs = verbs.ladder(result)

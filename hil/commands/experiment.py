@@ -24,7 +24,7 @@ from hil.commands.common import NamedFunction
 from hil.errors import ConfigError, DataError, plural
 from hil.experiments.pages import StudyPage, cells, made_with, means, picture
 from hil.experiments.pages import text as page_text
-from hil.experiments.replicate import FAILED, computer, made_by, replicate
+from hil.experiments.parallel_runs import FAILED, computer, made_by, replicate
 from hil.terminal import Found, silent
 from hil.userfile import write_text
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from hil import terminal
 from hil.bench import hidden
-from hil.commands import diagnose, groups
+from hil.commands import diagnose, many_sessions
 from hil.errors import DeviceError, plural
-from hil.experiments.replicate import LostRun, computer, counted, spread
+from hil.experiments.parallel_runs import LostRun, computer, counted, spread
 from hil.record.mcap_read import load
 from hil.record.sources import robot_of
 from hil.revision import machine, peak
@@ -57,7 +57,7 @@ def command(args: argparse.Namespace) -> Found:
 
 def _timed(path: str) -> dict[str, float]:
     """Cost of one diagnosis in this process, as `hil diagnose --by session` does it."""
-    args = groups.one_arm(path, "follower")
+    args = many_sessions.one_arm(path, "follower")
     began, wall = time.process_time(), time.perf_counter()
     with terminal.silent():
         found = diagnose.group_answer(args)

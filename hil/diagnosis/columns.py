@@ -13,7 +13,7 @@ X_j of each joint's rows, and efforts y_j of rms size s_j,
 is no more than what any fit leaves.  X_j = Q_j R_j is made once for any number of efforts that the
 same motion may have had.
 
-Joints that are counted otherwise than the description has it: `hil.diagnosis.postures`.
+Joints that are counted otherwise than the description has it: `hil.diagnosis.joint_zeros`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from hil.diagnosis.constants import (
 )
 from hil.diagnosis.evidence import terms_to_try
 from hil.diagnosis.grams import Reach
-from hil.diagnosis.postures import (
+from hil.diagnosis.joint_zeros import (
     LENGTHS,
     TIMES,
     Counting,

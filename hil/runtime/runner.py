@@ -28,8 +28,8 @@ from hil.runtime.clock import Clock, MonotonicClock, VirtualClock
 from hil.runtime.guard import Watchdog, guarded_session
 from hil.runtime.loop import Loop
 from hil.runtime.realtime import Arrangement, accompany, arranged
+from hil.runtime.recorder import SlowSide, SlowThread
 from hil.runtime.session import Operator, Summary, cut_short
-from hil.runtime.slow import SlowSide, SlowThread
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import WATCHDOG, report_in_words
 

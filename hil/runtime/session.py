@@ -33,7 +33,7 @@ from hil.rig.config import RigConfig, robot_source
 from hil.rig.open import Rig
 from hil.runtime.board import BoardWriter
 from hil.runtime.realtime import Arrangement
-from hil.runtime.slow import SessionParts
+from hil.runtime.recorder import SessionParts
 from hil.runtime.statistics import Statistics
 from hil.runtime.watchdog import report_path
 from hil.signals.device import Controller, OperatingState

@@ -7,7 +7,7 @@ import pytest
 
 from hil.bench.diagnosis import cases, runner, session, tables
 from hil.errors import DataError
-from hil.experiments.replicate import Where
+from hil.experiments.parallel_runs import Where
 
 
 def row(kind, hidden, named, verdict, excess=2.0):

@@ -11,7 +11,7 @@ import pytest
 import hil
 from hil import cli
 from hil.diagnosis import columns
-from hil.diagnosis.postures import Lengths, with_lengths
+from hil.diagnosis.joint_zeros import Lengths, with_lengths
 from hil.diagnosis.preconditions import contradicted, without_effort
 from hil.diagnosis.residual_tests import changes
 from hil.errors import DataError

@@ -11,7 +11,7 @@ import pytest
 import hil
 from hil.diagnosis import columns
 from hil.diagnosis.engine import diagnose
-from hil.diagnosis.postures import Postures, Sense, countings
+from hil.diagnosis.joint_zeros import Postures, Sense, countings
 from hil.identify.fit import fit
 from hil.identify.problem import Problem
 from hil.models import catalogue

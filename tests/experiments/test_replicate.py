@@ -27,7 +27,7 @@ from hil.commands import experiment
 from hil.errors import ConfigError, DeviceError
 from hil.experiments import friction_network
 from hil.experiments.pages import SeedMean, StudyPage, bars, line_chart, means
-from hil.experiments.replicate import FAILED, TRIES, LostRun, Where, replicate, spread
+from hil.experiments.parallel_runs import FAILED, TRIES, LostRun, Where, replicate, spread
 
 SEEDS = [3, 1, 2]
 #: Pages of the studies that have one over seeds.
@@ -77,7 +77,7 @@ def test_processes_end_with_the_one_that_started_them():
     lines = [
         "import os, signal, sys; sys.path.insert(0, sys.argv[1])",
         "from jobs import for_ever",
-        "from hil.experiments.replicate import replicate",
+        "from hil.experiments.parallel_runs import replicate",
         "replicate(for_ever, str(os.getpid()), [1, 2], workers=2)",
     ]
     command = [sys.executable, "-c", "\n".join(lines), str(Path(__file__).parents[1])]
@@ -91,7 +91,7 @@ def test_processes_end_with_the_one_that_started_them():
 
 
 def test_processes_are_replaced_so_that_they_do_not_grow(monkeypatch):
-    monkeypatch.setattr("hil.experiments.replicate.RUNS_OF_A_PROCESS", 1)
+    monkeypatch.setattr("hil.experiments.parallel_runs.RUNS_OF_A_PROCESS", 1)
     found = dict(spread(process, [1, 2, 3, 4], Where(2)))
     assert sorted(found) == [0, 1, 2, 3]
     assert {found[0], found[1]}.isdisjoint({found[2], found[3]})
@@ -194,7 +194,7 @@ def test_a_study_with_seeds_writes_its_page_and_resumes(tmp_path, capsys):
 )
 def test_options_that_cannot_be_meant(words, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("hil.experiments.replicate.PATIENCE", 0.5)
+    monkeypatch.setattr("hil.experiments.parallel_runs.PATIENCE", 0.5)
     assert main(["experiment", *words]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1

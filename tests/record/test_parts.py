@@ -20,7 +20,7 @@ from hil.record.recovery import SessionFile, in_use
 from hil.record.schema import Channel
 from hil.rig.config import load_rig
 from hil.runtime import runner
-from hil.runtime.slow import SessionParts
+from hil.runtime.recorder import SessionParts
 
 STATE = Channel("/arm/measured_js", "joint_state", ("a", "b"), ("position",))
 EFFORT = Channel("/arm/setpoint_jf", "joint_state", ("a", "b"), ("effort",))

@@ -13,9 +13,9 @@ from hil.bench import real
 from hil.bench.diagnosis import cases, runner
 from hil.bench.real import Ours, RealCase, RealRow, ScriptErrors
 from hil.cli import main
-from hil.commands import common, diagnose, groups
+from hil.commands import common, diagnose, many_sessions
 from hil.errors import ConfigError, DataError
-from hil.experiments.replicate import LostRun, Where, computer
+from hil.experiments.parallel_runs import LostRun, Where, computer
 from hil.models import catalogue
 from hil.record.export import write_recordings
 from hil.record.sources import RobotName
@@ -87,7 +87,7 @@ def test_a_cluster_gives_the_same_digits(folder, cluster, capsys, monkeypatch):
 def test_what_is_kept_is_not_diagnosed_again_and_a_bad_session_is_a_row(
     folder, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(groups, "made_by", lambda: "a")
+    monkeypatch.setattr(many_sessions, "made_by", lambda: "a")
     monkeypatch.setattr(diagnose, "group_answer", told)
     (tmp_path / "s").mkdir()
     for name in ("a", "b"):
@@ -122,24 +122,26 @@ def words_of(folder, **more) -> object:
 
 
 def test_a_session_that_loses_its_process_is_a_row(folder, capsys, monkeypatch):
-    monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, told(jobs[0][1]))])
+    monkeypatch.setattr(many_sessions, "spread", lambda work, jobs, where: [(0, told(jobs[0][1]))])
     args = words_of(folder / "monday")
-    assert groups.run_groups(args, groups.session_groups(args), told) == 0
+    assert many_sessions.run_groups(args, many_sessions.session_groups(args), told) == 0
     assert "stribeck on joint1" in capsys.readouterr().out
-    monkeypatch.setattr(groups, "spread", lambda work, jobs, where: [(0, LostRun())])
-    assert groups.run_groups(args, groups.session_groups(args), told) == 2
+    monkeypatch.setattr(many_sessions, "spread", lambda work, jobs, where: [(0, LostRun())])
+    assert many_sessions.run_groups(args, many_sessions.session_groups(args), told) == 2
     assert "it ended its process 3 times" in capsys.readouterr().out
 
 
 def test_many_sessions_are_counted_by_robot(capsys):
     args = words_of("x")
     robots = [RobotName((f"j{k % 2}",), "arm") for k in range(60)]
-    found = [groups.RobotGroup(f"{k}", r, [Path(f"{k}")]) for k, r in enumerate(robots)]
+    found = [many_sessions.RobotGroup(f"{k}", r, [Path(f"{k}")]) for k, r in enumerate(robots)]
     rows = [
-        groups._Row(str(g.robot), g.label, 1, "adequate" if k % 3 else "missing-effect", ("x",))
+        many_sessions._Row(
+            str(g.robot), g.label, 1, "adequate" if k % 3 else "missing-effect", ("x",)
+        )
         for k, g in enumerate(found)
     ]
-    said = groups._summary(args, rows, 60, 3.0)
+    said = many_sessions._summary(args, rows, 60, 3.0)
     assert "arm: j0      30        20              10  x (30)" in said
     assert "40 rows more" in said
 
@@ -170,7 +172,7 @@ def test_what_is_one_robot(one, other, same):
 )
 def test_options_that_cannot_be_meant(words, said, folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("hil.experiments.replicate.PATIENCE", 0.5)
+    monkeypatch.setattr("hil.experiments.parallel_runs.PATIENCE", 0.5)
     assert main(["diagnose", ".", *words]) == 2
     error = [x for x in capsys.readouterr().err.splitlines() if not x.startswith("no --model")]
     assert len(error) == 1 and said in error[0]
@@ -178,11 +180,13 @@ def test_options_that_cannot_be_meant(words, said, folder, capsys, monkeypatch):
 
 def test_a_held_out_session_goes_to_its_robot(folder, tmp_path):
     write_recordings(tmp_path / "h.mcap", [plants.smooth_axis(4, 8.0, 200.0)])
-    found = groups.session_groups(words_of(folder, by="robot", holdout=[str(tmp_path / "h.mcap")]))
+    found = many_sessions.session_groups(
+        words_of(folder, by="robot", holdout=[str(tmp_path / "h.mcap")])
+    )
     assert [len(g.holdout) for g in found] == [1, 0]
     lone = words_of(folder / "tuesday" / "other.mcap", holdout=[str(tmp_path / "h.mcap")])
     with pytest.raises(ConfigError, match="no session to fit is of that robot"):
-        groups.session_groups(lone)
+        many_sessions.session_groups(lone)
 
 
 # --- the benchmarks --------------------------------------------------------------------------

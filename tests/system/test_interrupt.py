@@ -282,7 +282,7 @@ import os, signal, sys, threading, time
 from hil.interrupt import interrupts
 interrupts.arm()
 from tqdm import tqdm
-from hil.experiments.replicate import Where, spread
+from hil.experiments.parallel_runs import Where, spread
 if __name__ == "__main__":
     os.setpgrp()
     bar = tqdm(total=1, file=open(os.devnull, "w"))

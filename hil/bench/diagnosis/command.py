@@ -32,7 +32,7 @@ from hil.bench.diagnosis.cases import SessionCase
 from hil.bench.diagnosis.tables import PLANTS, revisions, table
 from hil.diagnosis import constants, rules
 from hil.errors import ConfigError, DataError, unknown
-from hil.experiments.replicate import Where, computer
+from hil.experiments.parallel_runs import Where, computer
 from hil.terminal import Found
 
 #: Sessions of the quick plan that are diagnosed with every number changed: of both plants, short,

@@ -21,7 +21,7 @@ from hil.bench.diagnosis.tables import accepted
 from hil.diagnosis.engine import diagnose
 from hil.diagnosis.types import Diagnosis
 from hil.errors import ConfigError, DataError, DeviceError
-from hil.experiments.replicate import LostRun, Where, counted, spread
+from hil.experiments.parallel_runs import LostRun, Where, counted, spread
 from hil.record.recording import Recording
 
 #: Between the seeds of two runs of one motion: no noise comes twice.

@@ -21,7 +21,15 @@ from typing import Any
 from hil import terminal, work
 from hil.commands import common
 from hil.errors import ConfigError, HilError, plural
-from hil.experiments.replicate import FAILED, KeptRuns, LostRun, computer, counted, made_by, spread
+from hil.experiments.parallel_runs import (
+    FAILED,
+    KeptRuns,
+    LostRun,
+    computer,
+    counted,
+    made_by,
+    spread,
+)
 from hil.record.sources import RobotName, below, find, robot_of
 from hil.terminal import settings, silent
 from hil.userfile import read_text
