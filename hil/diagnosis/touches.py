@@ -112,8 +112,8 @@ def suspects(result: FitResult) -> list[Touch]:
 
         max over stretches of  N log P - m log P_in - (N - m) log P_out,
 
-    m of N blocks, with the mean powers P of all, inside and outside; `NAMED` of them at most, as
-    long as each has ten times the power of the rest.
+    m of N blocks, with the mean powers P of all, inside and outside; `NAMED_INSTANTS` of them at
+    most, as long as each has ten times the power of the rest.
     """
     return _moments(result, _either, together=False)
 

@@ -40,7 +40,7 @@ def arm_record(
 
     Returns
     -------
-    ndarray (1,) of `ARM`
+    ndarray (1,) of `ARM_DTYPE`
     """
     if sensor not in truth["sensors"]:
         raise ConfigError(unknown("force sensor", sensor, truth["sensors"]))
