@@ -26,7 +26,7 @@ better than a spring, which also rings and lags:
     s = smoothed load - load,   gain(s, law) - gain(s) < TENTH gain(law)  =>  it smooths,
 
 if there is as much noise.  With noise e of the size that the positions show, behind their filter,
-the model foretells  y(q + e, ..) - y(q, ..)  more.  A law that lowers the squared error by no more
+the model predicts  y(q + e, ..) - y(q, ..)  more.  A law that lowers the squared error by no more
 than about the square of that explains nothing, and what lowers it by a hundred times as much
 smooths no noise, however smooth it is.
 
@@ -544,7 +544,7 @@ def smoothed(evidence: Evidence, result: FitResult) -> FloatArray:
     """Part of the squared error (d,) that the positions' noise makes.
 
     Of a joint where a law does no more than smooth it: what that takes away, or what the noise
-    makes of the foretold effort, if that is more.
+    makes of the predicted effort, if that is more.
     """
     out = np.zeros(result.problem.d)
     for c in evidence.candidates:

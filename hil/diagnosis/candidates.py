@@ -2,10 +2,10 @@
 
 The shape of a candidate (a speed, a length, a frequency) is searched on all instants beside the
 present model; its coefficients, and those of the model with it, are then solved anew for every
-fold, so that its worth is what it foretells of blocks that it was not fitted to.
+fold, so that its worth is what it predicts of blocks that it was not fitted to.
 
 Unnamed competitors, free functions of the same variables, run in the same race.  A name says more
-than that something is there: it says which law.  Where a free function foretells left-out data
+than that something is there: it says which law.  Where a free function predicts left-out data
 better than the named law does, beyond chance and beyond what a library's law may miss, the name
 does not stand.
 """

@@ -365,7 +365,7 @@ def _exchanged_positions(result: FitResult, recordings: list[Recording]) -> list
     """Order with two positions exchanged that leaves least, of joints that fit worst; else as is.
 
     An effort that is mostly another joint's weight follows no position by itself.  Of two wrong
-    positions both joints are foretold badly.
+    positions both joints are predicted badly.
     """
     error, same = result.relative / 100, list(range(result.problem.d))
     bad = np.flatnonzero(~result.problem.holds & (error > TENTH)).tolist()

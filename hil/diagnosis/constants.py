@@ -157,7 +157,7 @@ RESPONSE = 1.0
 #: laws of soft objects behind noise get no name; double: laws of noise get names.
 DISAGREEMENT = 1.5
 #: What a law of a transmission explains, in units of what the noise of the positions makes of the
-#: foretold effort: below it is noise.  Simulated machines: clean ones with coarse encoders reach
+#: predicted effort: below it is noise.  Simulated machines: clean ones with coarse encoders reach
 #: 0.95, resonances begin at 8.  Half: coarse encoders get springs; double: a resonance among such
 #: noise goes unnamed.
 STIRRED = 2.0
@@ -206,7 +206,7 @@ PARTS = 5
 #: runs of one level may not hold at the next.  Double: with eight runs and more, levels that lie
 #: close to each other, which forgive more.
 LEVELS = 2
-#: Rise of a simulated error from which a model that foretells the effort better is no better
+#: Rise of a simulated error from which a model that predicts the effort better is no better
 #: model, as a factor.  Judgement: what has no law must not cost the simulation.  Half (any rise):
 #: corrections of noisy recordings are lost by chance; double: models that swing stay.
 RUINED = 2.0

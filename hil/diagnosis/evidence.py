@@ -342,7 +342,7 @@ def floor_of(result: FitResult, evidence: Evidence) -> Floor:
 def measured_floor(found: list[Candidate], projector: Projector, result: FitResult) -> Floor:
     """Noise floor beside candidates that were tried, with their columns in the largest model.
 
-    Free functions of the recording (corrections) are in it as well: what they foretell is no noise.
+    Free functions of the recording (corrections) are in it as well: what they predict is no noise.
     """
     extra: list[list[FloatArray]] = [[] for _ in result.problem.joints]
     # a law that takes the place of another one has its columns

@@ -252,12 +252,12 @@ STIR = 0
 
 
 def stir(result: FitResult, shares: FloatArray | None = None) -> FloatArray:
-    """Weighted sum of squares (d,) that noise of the positions makes of the foretold efforts.
+    """Weighted sum of squares (d,) that noise of the positions makes of the predicted efforts.
 
     Parameters
     ----------
     result : FitResult
-        The fit that foretells them.
+        The fit that predicts them.
     shares : ndarray (parts, d), optional
         Share of each joint's noise power, part by part; default all of it.
     """
@@ -429,7 +429,7 @@ def function_sentences(shares: list[Explainable]) -> list[str]:
     return out
 
 
-def foretold(result: FitResult) -> dict[int, float] | None:
+def free_function_falls(result: FitResult) -> dict[int, float] | None:
     """Largest fall of each joint's left-out error by functions of positions and of its own speed.
 
     Asked of an error at the floor, where `explainable` finds nothing to share out.  None where the
@@ -456,7 +456,7 @@ def _of_speeds(what: str) -> bool:
 def masked_at_floor(result: FitResult, falls: dict[int, float]) -> list[Explainable]:
     """Shares on joints at their floor of whose error a function removes a tenth or more.
 
-    The floor hides what no candidate explains; that it can be foretold shows that it is no noise.
+    The floor hides what no candidate explains; that it can be predicted shows that it is no noise.
     Shares are of the whole squared error.
 
     Parameters
@@ -464,7 +464,7 @@ def masked_at_floor(result: FitResult, falls: dict[int, float]) -> list[Explaina
     result : FitResult
         The fit.
     falls : dict of int to float
-        What `foretold` says of it.
+        What `free_function_falls` says of it.
     """
     return [
         s for j, fall in falls.items() if fall > HIDDEN_SHARE for s in _of_joint(result, 0.0, j)

@@ -277,17 +277,17 @@ def _sharpest(term: Term, result: FitResult, heldout: HeldOut, examine: Examiner
     """Sharpest resolution that is about the best on other runs; 0 where the present one will do."""
     j, values = term.joint, _blunter(term, result)
     # every third value shows whether any will do
-    seen = _foretold(term, values[::3], result, examine)
+    seen = _predicted(term, values[::3], result, examine)
     if min((error for _, error in seen), default=np.inf) > (1 - WORTH / 2) * heldout.rms[j]:
         return 0.0
-    rows = _foretold(term, values, result, examine)
+    rows = _predicted(term, values, result, examine)
     least = min((error for _, error in rows), default=np.inf)
     if least > (1 - WORTH) * heldout.rms[j]:
         return 0.0
     return next(v0 for v0, error in rows if error**2 <= CLOSE * least**2)
 
 
-def _foretold(
+def _predicted(
     term: Term, values: Sequence[float], result: FitResult, examine: Examiner
 ) -> list[tuple[float, float]]:
     """Resolutions that explain the fitted runs as well, with the joint's error on other runs."""
@@ -435,7 +435,7 @@ def _scaled(
     return _Try(text, gain / missed, gain / per - price)
 
 
-def foretold(fitted: FitResult, alone: FitResult, j: int) -> float:
+def prediction_distance(fitted: FitResult, alone: FitResult, j: int) -> float:
     """Difference of two fits' predictions on joint j in units of what their errors allow.
 
     With X the columns of the other runs, theta and V the coefficients of both fits and their
@@ -476,7 +476,7 @@ def within_errors(
     out = np.zeros_like(asked)
     if alone is not None:
         for j in np.flatnonzero(asked & (alone.rms <= NEAR_FLOOR * floor)).tolist():
-            out[j] = foretold(step.result, alone, j) < CERTAIN
+            out[j] = prediction_distance(step.result, alone, j) < CERTAIN
     return out
 
 
@@ -599,7 +599,7 @@ def _values(pair: _Pair, j: int, over: float, mixed: bool) -> str:
     )
     if mixed:
         return f"{joint}: {text}. The fitted sessions themselves differ there"
-    if foretold(pair.fitted, pair.alone, j) < CERTAIN:
+    if prediction_distance(pair.fitted, pair.alone, j) < CERTAIN:
         return (
             f"{joint}: {text}. The motion of {pair.ours} does not determine the parameters that "
             f"matter in {pair.theirs}: the difference lies within their standard errors"

@@ -304,7 +304,7 @@ def _weighed(
     return Weighed(j, ratio, stderr, share)
 
 
-#: Code of the warning that a fit foretells less than nothing does.
+#: Code of the warning that a fit predicts less than nothing does.
 LOST = "foretells-nothing"
 
 

@@ -10,7 +10,7 @@ orthonormal columns Q:
 
 **Whether what is left at the noise floor is distributed as noise is.**
 Noise that many small causes add up to is Gaussian, whatever its colour.  A wave, or a torque that
-switches, keeps to its two sides, and bursts stand out; no function of the motion need foretell
+switches, keeps to its two sides, and bursts stand out; no function of the motion need predict
 them, and a floor that is measured holds them.  So of the residual r of n instants, less its mean,
 over its rms around each instant, with the autocorrelation rho:
 

@@ -342,7 +342,7 @@ class Search(Models):
         A lateness within a sample is that of the slow motion, and holds as long as something may
         be missing that looks late.  Friction that sticks at its reversals looks early, and has no
         law.  A filter, or a larger lateness, was found beside what the given model lacked.  In the
-        end what foretells the efforts counts, each in its own scale: a filter that is undone makes
+        end what predicts the efforts counts, each in its own scale: a filter that is undone makes
         them larger.
 
         Returns

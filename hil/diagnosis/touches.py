@@ -92,7 +92,7 @@ def touches(result: FitResult) -> list[Touch]:
 
     A push lasts for a moment, is slow, and comes where the joint has been in the same motion
     without it: blocks of time whose residual is beyond what all others have, few in number, and
-    with instants elsewhere of the same position, speed and foretold effort.  With the powers p of
+    with instants elsewhere of the same position, speed and predicted effort.  With the powers p of
     the blocks,
 
         z = (log p - median) / s,   s = 1.4826 median |log p - median|,
@@ -308,7 +308,7 @@ def _elsewhere_alike(
 ) -> bool:
     """Whether joint j was in the same motion as at most of some instants (n,) at other times, too.
 
-    By the power of what is left, r (n,): where position, speed and foretold effort are as near to
+    By the power of what is left, r (n,): where position, speed and predicted effort are as near to
     those of another time as those of seven in ten of the other instants are, all of them together;
     or each by itself as near as that, or as `WORTH` of its spread.
     """

@@ -108,7 +108,8 @@ class Candidate:
     smoother : bool
         Whether all that it does is to smooth the noise of the positions.
     stirred : float
-        What that noise makes of its joint's foretold effort, as a gain; of laws that may smooth it.
+        What that noise makes of the joint's predicted effort, as a gain; of laws that may smooth
+        it.
     blurred : bool
         Whether all that it explains is reversals that the motion's filter blurs.
     parts : ndarray (d,)

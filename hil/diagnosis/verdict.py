@@ -1,7 +1,7 @@
 """What a name explains, and what is said beside a verdict: excuses, notes, errors, what is left.
 
 A name's confidence falls with what it explains.  Nothing else here changes a name, nor a verdict
-but one: an error at its floor that a function of positions or speeds foretells on left-out data, or
+but one: an error at its floor that a function of positions or speeds predicts on left-out data, or
 that keeps to two sides as no noise does, is not adequate.
 """
 
@@ -20,7 +20,14 @@ from hil.diagnosis.attribution import Named
 from hil.diagnosis.candidates import competitor_in_words
 from hil.diagnosis.constants import ADEQUATE, BEATEN, HALF, NEAR_FLOOR, SURE, TENTH, WHOLE, WORTH
 from hil.diagnosis.equivalence import unseen
-from hil.diagnosis.floor import REPEATS, alarming, explainable, foretold, masked_at_floor, practical
+from hil.diagnosis.floor import (
+    REPEATS,
+    alarming,
+    explainable,
+    free_function_falls,
+    masked_at_floor,
+    practical,
+)
 from hil.diagnosis.heldout import Examiner, held_out_differences
 from hil.diagnosis.preconditions import contradicted, lost, other_robot
 from hil.diagnosis.remodel import Visited
@@ -469,7 +476,7 @@ def finish(
         # what is less than efforts are known to needs no explanation, nor what sensors do
         least = alarming(result.problem) * result.problem.rms(result.problem.effort)
         felt = alarms(result) & ~of_noise(out.ladder[-1], out.last, out.floor)
-        falls = foretold(result)
+        falls = free_function_falls(result)
         if falls is not None:
             falls = {j: x for j, x in falls.items() if felt[j]}
         out.beyond = None if falls is None else max([0.0, *falls.values()])

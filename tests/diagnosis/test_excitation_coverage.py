@@ -96,8 +96,8 @@ def test_of_an_error_that_a_function_foretells_its_part_counts_and_not_the_whole
 
     monkeypatch.setattr(floor, "alarming", lambda problem: 1e-4)
     monkeypatch.setattr(verdict_module, "alarming", lambda problem: 1e-4)
-    monkeypatch.setattr(verdict_module, "foretold", fall)
-    monkeypatch.setattr(verdict_module, "hidden", told)
+    monkeypatch.setattr(verdict_module, "free_function_falls", fall)
+    monkeypatch.setattr(verdict_module, "masked_at_floor", told)
     monkeypatch.setattr(verdict_module, "of_noise", lambda *a: np.array([False]))
     out = answer(FAST)
     assert asked and out.verdict == verdict

@@ -22,7 +22,7 @@ def test_elastic_ukf_as_json(capsys):
 @pytest.mark.slow
 def test_bench_ukf_agrees_with_filterpy(capsys, monkeypatch):
     # the 300 steps that are compared, and as many again to time
-    monkeypatch.setattr(costs, "record", lambda plant, _, seed: record_arm(plant, 0.6, seed))
+    monkeypatch.setattr(costs, "record_arm", lambda plant, _, seed: record_arm(plant, 0.6, seed))
     monkeypatch.setattr(costs, "measure_cost", partial(costs.measure_cost, steps=300))
     monkeypatch.setattr(costs, "_in_the_loop", partial(costs._in_the_loop, ticks=500))
     assert main(["bench", "ukf", "--json"]) == 0
