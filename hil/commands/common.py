@@ -22,7 +22,7 @@ from hil.record.arrays import once
 from hil.record.bags import BagChoice, TableChoice
 from hil.record.recording import Recording
 from hil.record.sources import find, load_sources, stand_elsewhere, urdf_text
-from hil.record.urdf_joints import unlike
+from hil.record.urdf_checks import unlike
 from hil.terminal import Found
 from hil.userfile import parse_toml, read_text
 

@@ -81,7 +81,7 @@ from hil.record.bags import is_bag
 from hil.record.recording import RobotSource
 from hil.record.sources import load_sources
 from hil.record.table_files import FORMATS, ending
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 from hil.rig.check import limits_of_arm
 from hil.rig.config import RigConfig, load_rig, robot_source
 from hil.userfile import is_dataset, read_text

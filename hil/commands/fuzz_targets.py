@@ -43,7 +43,7 @@ from hil.record.mcap_read import load_arms
 from hil.record.recording import Recording, RobotSource
 from hil.record.recovery import recover
 from hil.record.tables import import_table
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 from hil.rig.config import RigConfig, load_rig
 from hil.rig.operator import Shop
 from hil.rigs import rig_path

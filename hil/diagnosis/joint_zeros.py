@@ -25,7 +25,7 @@ from hil.identify.result import FitResult
 from hil.models.bodies import Tree
 from hil.models.effect import Trait
 from hil.record.recording import Recording, RobotSource
-from hil.record.urdf_joints import link_at
+from hil.record.urdf_checks import link_at
 
 FloatArray = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from hil.errors import ConfigError, unknown
 from hil.models.robots import Robot
 from hil.record.recording import RobotSource
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 from hil.userfile import parse_toml, read_text, write_text
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hil.export.content import Content
 from hil.models.mass import SPRING
-from hil.record.urdf_joints import UrdfJoint, urdf_joints
+from hil.record.urdf_checks import UrdfJoint, urdf_joints
 
 FloatArray = NDArray[np.float64]
 

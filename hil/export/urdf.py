@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 from hil.export import trees
 from hil.export.content import Content, Vocabulary
 from hil.export.target import Program
-from hil.record.urdf_joints import link_at
+from hil.record.urdf_checks import link_at
 
 
 def described(content: Content, damped: bool = True) -> ET.Element:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError
 from hil.models import bodies
-from hil.record.urdf_joints import checked_urdf, gravity_of
+from hil.record.urdf_checks import checked_urdf, gravity_of
 
 FloatArray = NDArray[np.float64]
 _BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -68,7 +68,7 @@ class UrdfRobot:
     Raises
     ------
     ConfigError
-        If the URDF does not parse, holds what no robot has (`hil.record.urdf_joints`), has a
+        If the URDF does not parse, holds what no robot has (`hil.record.urdf_checks`), has a
         joint with more than one degree of freedom or one that mimics nothing, or lacks the named
         tip.
     """

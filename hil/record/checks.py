@@ -23,7 +23,7 @@ from hil.record import consistency as physics
 from hil.record.consistency import DataFault, check_spikes, smooth
 from hil.record.jumps import TURN, described, wraps
 from hil.record.recording import STATED, UNIT_SAID, Recording
-from hil.record.urdf_joints import UrdfJoint, urdf_joints
+from hil.record.urdf_checks import UrdfJoint, urdf_joints
 
 
 @dataclass(frozen=True)

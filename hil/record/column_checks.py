@@ -25,7 +25,7 @@ from hil.record.schema import LAST_S
 from hil.record.table_files import ForeignTable
 from hil.record.text_tables import is_clock
 from hil.record.units import FACTORS, Unit, axis_of, epoch_unit, stem_of, time_unit
-from hil.record.urdf_joints import UrdfJoint
+from hil.record.urdf_checks import UrdfJoint
 
 FloatArray = NDArray[np.float64]
 #: A step of so many median periods is a jump.

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from hil.record.jumps import whole_numbers
 from hil.record.recording import Recording, queue, spacing, usual_step
-from hil.record.urdf_joints import UrdfJoint
+from hil.record.urdf_checks import UrdfJoint
 
 FloatArray = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from hil.errors import ConfigError, DataError, families, plural, unknown
 from hil.record.recording import GROUPS, LOCKED, WRENCH, RobotSource
-from hil.record.urdf_joints import UrdfJoint, checked_urdf, link_at, urdf_joints
+from hil.record.urdf_checks import UrdfJoint, checked_urdf, link_at, urdf_joints
 
 if TYPE_CHECKING:
     from hil.record.mapfile import Rule

@@ -42,7 +42,7 @@ from hil.record.recording import GROUPS, SIGNAL, WRENCH, Recording, RobotSource
 from hil.record.schema import Channel
 from hil.record.table_files import ForeignTable, open_table
 from hil.record.units import axes_unit, stem_of, time_unit
-from hil.record.urdf_joints import UrdfJoint
+from hil.record.urdf_checks import UrdfJoint
 from hil.userfile import parse_toml, read_text
 
 FloatArray = NDArray[np.float64]

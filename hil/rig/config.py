@@ -15,7 +15,7 @@ from hil.models.robots import PRESET_ROBOTS
 from hil.record.locked import locked_urdf
 from hil.record.recording import RobotSource, tag_record
 from hil.record.schema import FIELD
-from hil.record.urdf_joints import UrdfJoint, frames_of, urdf_joints
+from hil.record.urdf_checks import UrdfJoint, frames_of, urdf_joints
 from hil.rigs import NAMES, packaged
 from hil.toml import merge, parse
 from hil.userfile import parse_toml, read_text

@@ -25,7 +25,7 @@ from hil.record import mcap_read
 from hil.record.mcap_write import SessionWriter
 from hil.record.recording import TAGS, tag_record
 from hil.record.schema import Channel
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 from hil.revision import source_revision
 from hil.rig import estimators
 from hil.rig.check import measures_force

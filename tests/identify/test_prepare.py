@@ -29,7 +29,7 @@ from hil.identify.slow_motion import (
 from hil.identify.timing import fit_aligned, late_effort, lateness, reading_notes, readings
 from hil.models.model import Band, RobotModel, base_model
 from hil.record.recording import Recording, RobotSource
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 
 AXIS = base_model(RobotSource("single-axis"))
 FS = 1000.0

@@ -9,7 +9,7 @@ from hil.models.phantom import Omni, Premium
 from hil.models.robots import IndependentAxes, Robot, make_robot
 from hil.models.urdf import UrdfRobot
 from hil.record.recording import Recording, RobotSource
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 
 JOINTS = ("joint1", "joint2", "joint3")
 PREMIUM, OMNI = Premium(JOINTS), Omni(JOINTS)

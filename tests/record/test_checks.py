@@ -15,7 +15,7 @@ from hil.record import consistency
 from hil.record.checks import OF_UNITS, check, joint_units, speed_and_effort
 from hil.record.consistency import other_units, smooth, unit_doubt
 from hil.record.recording import Recording, RobotSource
-from hil.record.urdf_joints import UrdfJoint
+from hil.record.urdf_checks import UrdfJoint
 
 
 def faults(r: Recording) -> list[tuple[str, str, str]]:

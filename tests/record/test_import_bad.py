@@ -25,7 +25,7 @@ from hil.record.checks import check
 from hil.record.mcap_read import load
 from hil.record.sources import load_source
 from hil.record.tables import import_table
-from hil.record.urdf_joints import urdf_joints
+from hil.record.urdf_checks import urdf_joints
 
 Table = dict[str, np.ndarray]
 
