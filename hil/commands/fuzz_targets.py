@@ -34,10 +34,10 @@ from hil.models.files import read_model
 from hil.models.urdf import UrdfRobot
 from hil.record import frames
 from hil.record.bags import read_bag
+from hil.record.binary_tables import reading_here
 from hil.record.checks import check
 from hil.record.container import read
 from hil.record.export import write_recordings
-from hil.record.foreign import reading_here
 from hil.record.mapfile import read_map
 from hil.record.mcap_read import load_arms
 from hil.record.recording import Recording, RobotSource

@@ -1,7 +1,7 @@
 """Messages of a ROS bag as arrays, by the library rosbags.
 
-It runs in the process of `hil.record.foreign`, which limits memory and time.  What comes out, as of
-any file of arrays: ``about``, the bytes of a JSON text with the groups of messages, the robot
+It runs in the process of `hil.record.binary_tables`, which limits memory and time.  What comes out,
+as of any file of arrays: ``about``, the bytes of a JSON text with the groups of messages, the robot
 descriptions and the topics that nothing reads; and for each group a struct of its arrays.  A group
 is what one topic says of one set of joints: two publishers on one topic, as of an arm and its
 gripper, are two groups.

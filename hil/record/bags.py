@@ -179,7 +179,7 @@ def read_bag(path: str | Path, choice: BagChoice | None = None) -> list[Recordin
 
 def _open(path: Path) -> _Bag:
     try:
-        from hil.record.foreign import read_arrays  # its process, where there is a bag
+        from hil.record.binary_tables import read_arrays  # its process, where there is a bag
 
         arrays = read_arrays(path)
     except OSError as error:

@@ -1,7 +1,7 @@
 """Readers of binary tables and of JSON: each gives the arrays of one file, by name.
 
-They run in the process of `hil.record.foreign`, which limits memory and time; each takes the path
-and the bytes that its arrays may take.
+They run in the process of `hil.record.binary_tables`, which limits memory and time; each takes the
+path and the bytes that its arrays may take.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import DataError, unknown
-from hil.record.foreign import BINARY, Array, Arrays, read_arrays
+from hil.record.binary_tables import BINARY, Array, Arrays, read_arrays
 from hil.record.readers import NUMBERS
 from hil.record.text_tables import MOST_COLUMNS, PACKED, is_text, read_text_table
 from hil.userfile import is_dataset

@@ -17,7 +17,7 @@ from hil.cli import COMMANDS
 from hil.commands.bench import BENCHES
 from hil.commands.experiment import EXPERIMENTS
 from hil.models import catalogue
-from hil.record import foreign
+from hil.record import binary_tables
 from hil.record.export import write_recordings
 from hil.sim_devices import bench
 from hil.sim_devices.joints import bench as joint_bench
@@ -87,7 +87,7 @@ def _named_by_tables() -> set[str]:
     rows += [row.module for row in COMMANDS.values()]
     rows += [row.place for row in (*BENCHES.values(), *EXPERIMENTS.values())]
     rows += [*catalogue.MODULES, *bench.BOXES.values()]
-    rows += [place for place, _, _ in foreign.READERS.values()]
+    rows += [place for place, _, _ in binary_tables.READERS.values()]
     rows += [module for module, _ in joint_bench.BOXES.values()]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     for group in (project["scripts"], *project["entry-points"].values()):

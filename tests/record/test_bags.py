@@ -17,7 +17,7 @@ from bag_files import KINDS, BagFile
 from record_tables import URDF, needs_data
 
 from hil.cli import main
-from hil.record import foreign
+from hil.record import binary_tables
 from hil.record.bags import BagChoice, is_bag, read_bag
 from hil.record.locked import called_in
 from hil.record.mcap_read import load
@@ -32,7 +32,7 @@ T = np.arange(300) * 0.004
 def read_once():
     """A bag that a test reads several times is read by one process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(foreign, "read_arrays", functools.cache(foreign.read_arrays))
+        patch.setattr(binary_tables, "read_arrays", functools.cache(binary_tables.read_arrays))
         yield
 
 

@@ -20,7 +20,7 @@ from scipy.io import savemat
 from hil.cli import main
 from hil.errors import ConfigError, DataError
 from hil.models.urdf import UrdfRobot
-from hil.record import foreign
+from hil.record import binary_tables
 from hil.record.checks import check
 from hil.record.mcap_read import load
 from hil.record.sources import load_source
@@ -492,7 +492,7 @@ def test_a_damaged_matlab_file(tmp_path, refuse, capsys):
 def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Path:
     """A table whose reader does what `text` says."""
     (tmp_path / "reader.py").write_text(text)
-    monkeypatch.setattr(foreign, "_WORDS", (sys.executable, str(tmp_path / "reader.py")))
+    monkeypatch.setattr(binary_tables, "_WORDS", (sys.executable, str(tmp_path / "reader.py")))
     np.savez(tmp_path / "run.npz", t=np.arange(9.0))
     return tmp_path / "run.npz"
 
@@ -507,7 +507,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Path:
     ],
 )
 def test_a_reader_that_fails_or_hangs(tmp_path, refuse, monkeypatch, text, words):
-    monkeypatch.setattr(foreign, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(binary_tables, "PATIENCE_S", 0.5)
     refuse(reader(tmp_path, monkeypatch, text), *words)
 
 
@@ -522,9 +522,9 @@ def test_what_a_reader_answers_is_checked_again(tmp_path, refuse, monkeypatch):
 def test_memory_of_a_reader_is_limited(tmp_path):
     (tmp_path / "run.npz").write_bytes(b"x")
     script = (
-        "from hil.record import foreign, readers\n"
+        "from hil.record import binary_tables, readers\n"
         "readers.npz = lambda path, most: iter([('t', bytearray(2**33))])\n"
-        f"print(foreign._answer({str(tmp_path / 'run.npz')!r}))"
+        f"print(binary_tables._answer({str(tmp_path / 'run.npz')!r}))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert "claims more memory than a file of its size may (64 MiB)" in done.stdout

@@ -4,7 +4,7 @@ The readers of these formats trust what a file says of itself: of a damaged one 
 amount of memory, and the reader of MAT files crashes.  Here they run in a process that may take
 memory and time in proportion to the file; what comes back is plain numbers, checked again.
 
-This file is both ends: `read_arrays` starts ``python -m hil.record.foreign`` on one file.
+This file is both ends: `read_arrays` starts ``python -m hil.record.binary_tables`` on one file.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ WORKING = 3
 #: Time for a file [s], and bytes a second beyond that.
 PATIENCE_S, SPEED = 20.0, 2e6
 #: The reader; a file of its name in the working directory is not run.
-_WORDS = (sys.executable, "-P", "-m", "hil.record.foreign")
+_WORDS = (sys.executable, "-P", "-m", "hil.record.binary_tables")
 #: Threads, and heaps of threads, take address space, which is limited.
 _SPARING = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
 #: Endings of ROS bags; a folder is one, too.
