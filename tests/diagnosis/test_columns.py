@@ -43,7 +43,7 @@ def test_mistaken_columns_are_bad_data(change, code, words):
     assert [c for c, _ in warnings] == [code] and words in warnings[0][1]
 
 
-@pytest.mark.parametrize("order", [[1, 0, 2], [1, 2, 0]])
+@pytest.mark.parametrize("order", [plants.further([1, 0, 2]), [1, 2, 0]])
 def test_positions_in_another_order_than_their_efforts_are_told_both_ways(order):
     """Of axes nothing says which of the two stand in the wrong columns: it was the efforts."""
     run = plants.slow_axes(1, d=3)
@@ -73,7 +73,7 @@ def test_a_description_tells_that_the_positions_are_in_another_order(order):
 
 def test_two_positions_are_exchanged_where_no_effort_follows_its_own(monkeypatch):
     """A wrist carries a hand's weight: 90 to 107 % were left of three efforts, and names sought."""
-    run = plants.serial_arm(3, 1)
+    run = plants.serial_arm(3, 1, seconds=10.0)
     monkeypatch.setattr(columns, "_followed", lambda problem: list(range(problem.d)))
     wrong = replace(run, q=run.q[:, [0, 2, 1]])
     ((code, text),) = columns.mistaken(hil.fit([wrong], hil.base_model(run.robot)), [wrong])
@@ -84,14 +84,16 @@ def test_two_positions_are_exchanged_where_no_effort_follows_its_own(monkeypatch
 @pytest.mark.parametrize(
     ("turn", "efforts", "said"),
     [
-        ([[1, 0, 0], [0, 1, 0], [0, 1, 1]], True, ["q2 = -1, q3 = 1", "tau2 = 1, tau3 = 1"]),
+        plants.further(
+            [[1, 0, 0], [0, 1, 0], [0, 1, 1]], True, ["q2 = -1, q3 = 1", "tau2 = 1, tau3 = 1"]
+        ),
         ([[1, 0, 0], [0, 1, 0], [0, -1, 1]], True, ["q2 = 1, q3 = 1", "tau2 = 1, tau3 = -1"]),
         ([[1, 0, 0], [1, 1, 0], [1, 1, 1]], False, ["q1 = -1, q2 = 1", "q2 = -1, q3 = 1"]),
     ],
 )
 def test_motors_that_count_from_another_link_are_told_with_their_map(turn, efforts, said):
     """A palletiser's motors stand in its base: a spring at 1.00 and minutes were the answer."""
-    run, turn = plants.serial_arm(3, 1), np.array(turn, float)
+    run, turn = plants.serial_arm(3, 1, seconds=10.0), np.array(turn, float)
     tau = run.tau @ np.linalg.inv(turn) if efforts else run.tau
     motors = replace(run, q=run.q @ turn.T, qd=None, tau=tau)
     ((code, text),) = columns.mistaken(hil.fit([motors], hil.base_model(run.robot)), [motors])
@@ -99,7 +101,7 @@ def test_motors_that_count_from_another_link_are_told_with_their_map(turn, effor
     assert text.count(" sum = ") == len(said)
 
 
-@pytest.mark.parametrize(("d", "seed", "joint"), [(3, 2, 2), (4, 1, 3)])
+@pytest.mark.parametrize(("d", "seed", "joint"), [(3, 2, 2), plants.further(4, 1, 3)])
 def test_an_offset_of_many_times_an_effort_is_no_scale_and_no_zero(d, seed, joint):
     """A gripper's effort with an offset of twelve times itself was "in another unit or scale"."""
     run = plants.serial_arm(d, seed, seconds=10.0)
@@ -293,13 +295,13 @@ def resized(run: Recording, factor: float, joint: str = "") -> Recording:
 
 def test_a_description_of_another_size_is_told_with_the_factor():
     """An arm of another size got a differential, a spring over two joints, a relaxation at 1.00."""
-    ((code, text),) = wrong(resized(plants.serial_arm(3, 1, noise=0.003), 0.3))
+    ((code, text),) = wrong(resized(plants.serial_arm(3, 1, noise=0.003, seconds=10.0), 0.3))
     assert code == "lengths" and "by about 3.3 " in text and "may be wrong alike" in text
 
 
 def test_a_description_in_millimetres_is_told_though_two_springs_do_as_much():
     """A unit is no number that was fitted; in the noise of this run it was a tip-impedance."""
-    ((code, text),) = wrong(resized(plants.serial_arm(3, 1), 1000.0))
+    ((code, text),) = wrong(resized(plants.serial_arm(3, 1, seconds=10.0), 1000.0))
     assert code == "lengths" and "by about 0.001 " in text and "every <origin xyz>" in text
 
 
@@ -312,7 +314,7 @@ def test_one_spring_stands_where_it_does_as_much_as_one_length():
 
 
 def test_one_wrong_distance_of_the_description_is_told_with_its_joints():
-    run = plants.serial_arm(4, 1, noise=0.003)
+    run = plants.serial_arm(4, 1, noise=0.003, seconds=10.0)
     ((code, text),) = wrong(resized(run, 2.0, "joint3"))
     assert code == "lengths" and "from joint2 to joint3" in text and "by about 0.5 " in text
     assert wrong(run) == []
@@ -320,7 +322,7 @@ def test_one_wrong_distance_of_the_description_is_told_with_its_joints():
 
 def test_the_verdict_does_not_lay_it_on_the_recording_alone(tmp_path, capsys):
     table, robot = tmp_path / "run.csv", tmp_path / "arm.urdf"
-    run = resized(plants.serial_arm(3, 1, noise=0.003), 1000.0)
+    run = resized(plants.serial_arm(3, 1, noise=0.003, seconds=10.0), 1000.0)
     robot.write_text(run.robot.urdf)
     head = "t,q1,q2,q3,tau1,tau2,tau3"
     rows = np.column_stack([run.t, run.q, run.tau])
@@ -334,7 +336,7 @@ def test_the_verdict_does_not_lay_it_on_the_recording_alone(tmp_path, capsys):
 
 
 def test_fixed_joints_between_two_moving_ones_count_to_their_distance():
-    run = plants.serial_arm(3, 1)
+    run = plants.serial_arm(3, 1, seconds=10.0)
     root = ET.fromstring(run.robot.urdf)
     held = next(e for e in root.findall("joint") if e.get("name") == "joint2")
     held.set("type", "fixed")
@@ -367,16 +369,16 @@ def of_several(changed: Recording, *others: Recording) -> list[tuple[str, str]]:
 )
 def test_a_mistake_in_one_of_two_runs_is_told_of_that_run(change, code, words):
     """They had been an offset a run at 1.00, and *unexplained*."""
-    one, two = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2))
+    one, two = (plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2))
     ((found, text),) = of_several(change(two), one)
     assert found == code and text.startswith("in run2 alone, ") and words in text
     assert of_several(two, one) == []
 
 
-@pytest.mark.parametrize("shift", [0.1, 0.5])
+@pytest.mark.parametrize("shift", [0.5, plants.further(0.1)])
 def test_another_zero_of_one_run_is_told_with_the_shift(shift):
     """An incremental encoder counts from where it was switched on: an offset a run at 0.99."""
-    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2, 3)]
+    runs = [plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2, 3)]
     changed = replace(runs[1], q=runs[1].q - [0.0, shift, 0.0])
     ((code, text),) = of_several(changed, runs[0], runs[2])
     assert code == "posture"
@@ -387,8 +389,8 @@ def test_another_zero_of_one_run_is_told_with_the_shift(shift):
 
 def test_the_recording_is_told_and_not_its_part_behind_a_gap():
     """Its samples are in several parts then, of which the second is not the second recording."""
-    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2)]
-    whole = np.abs(runs[0].t - 10.0) > 1.0
+    runs = [plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2)]
+    whole = np.abs(runs[0].t - 5.0) > 0.5
     gap = replace(runs[0], t=runs[0].t[whole], q=runs[0].q[whole], tau=runs[0].tau[whole])
     ((code, text),) = of_several(replace(runs[1], q=runs[1].q - [0.0, 0.5, 0.0]), gap)
     assert code == "posture" and "than in run" in text
@@ -397,7 +399,7 @@ def test_the_recording_is_told_and_not_its_part_behind_a_gap():
 
 
 def test_zeros_of_several_joints_of_one_run_are_told_together():
-    runs = [plants.serial_arm(3, k, noise=0.003) for k in (1, 2)]
+    runs = [plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2)]
     changed = replace(runs[1], q=runs[1].q - [0.0, 0.5, -0.3])
     ((code, text),) = of_several(changed, runs[0])
     assert code == "posture" and "q2 (joint2) and q3 (joint3) are counted from other zeros" in text
@@ -425,12 +427,12 @@ def test_what_is_missing_in_all_runs_is_sought_in_no_run_alone(monkeypatch):
 
 def test_an_offset_of_one_run_is_no_other_zero():
     """Half a turn of one joint took three quarters of such an error, and no more."""
-    one, two = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2))
+    one, two = (plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2))
     assert of_several(replace(two, tau=two.tau + np.array([0.0, 30.0, 3.0])), one) == []
 
 
 def test_a_run_at_rest_is_looked_at_with_the_others_alone():
-    one, two, still = (plants.serial_arm(3, k, noise=0.003) for k in (1, 2, 3))
+    one, two, still = (plants.serial_arm(3, k, noise=0.003, seconds=10.0) for k in (1, 2, 3))
     still = replace(still, q=np.broadcast_to(still.q[0], still.q.shape))
     changed = replace(two, tau=two.tau * [1.0, -1.0, 1.0])
     for _, text in of_several(changed, one, still):
