@@ -95,10 +95,10 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
     Within one sample, and beyond it where efforts are late and the error falls with it: how a
     recording was made, which the first model that is fitted to it decides.  `scale` as in `fit`.
     """
-    result = fit_as_stated(problem, model, scale)
+    first = result = fit_as_stated(problem, model, scale)
     if problem.given_shift is not None or problem.aligned:
         return result
-    start, at_first, longest = problem.alignment, result.relative, longest_shift(problem)
+    start, error, longest = problem.alignment, first.relative, longest_shift(problem)
     ask = not problem.asked_late and not start.lag and model.explains == "motor"
     slack = None
     if ask:
@@ -110,10 +110,9 @@ def fit_aligned(problem: Problem, model: RobotModel, scale: FloatArray | None = 
         result = _filter_undone(problem, model, result, scale)
     late = problem.alignment.late > longest >= start.late
     built_up = late and slack is not None and bool(np.mean(np.log(left_free(result) / slack)) > 0.0)
-    if built_up or (late and _ratio(result, at_first) > 1 - LESS):
+    if built_up or (late and _ratio(result, error) > 1 - LESS):
         # what bends before it slides looks late, and leaves less where nothing is shifted
-        problem.align_effort(start)
-        result = fit(problem, model, scale=scale)
+        result = _back(start, first)
     return _in_step(problem, model, result, scale) if ask and not start.rate else result
 
 
@@ -125,7 +124,7 @@ def _in_step(
     As it was where that is not sure, less than half a sample in all, or does not take `LESS` of the
     error.
     """
-    start, error = problem.alignment, result.relative
+    start, first, error = problem.alignment, result, result.relative
     length = max(float(m.since[-1]) for m in problem.motions)
     for _ in range(STEPS):
         middle, rate, known = lateness_line(result)
@@ -139,8 +138,7 @@ def _in_step(
         result = _in_time(problem, model, fit(problem, model, scale=scale), scale)
     if problem.alignment.rate == start.rate or _ratio(result, error) < 1 - LESS:
         return result
-    problem.align_effort(start)
-    return fit(problem, model, scale=scale)
+    return _back(start, first)
 
 
 def _in_time(
@@ -153,15 +151,13 @@ def _in_time(
         shift, error = sample_shift(result)
         if not shift or not least <= problem.shift + shift <= longest:
             break
-        before = result.relative
+        start, before, left = problem.alignment, result, result.relative
         problem.shift_effort(shift)  # tau(t) = model(t) + T tau'(t)
         result = fit(problem, model, scale=scale)
         most = 1.0 if abs(shift) < CLEAR * error else 1 + LESS
-        if _ratio(result, before) > most:
+        if _ratio(result, left) > most:
             # the slow motion is not sure of it, or wrong: the whole band does not want it
-            problem.shift_effort(-shift)
-            result = fit(problem, model, scale=scale)
-            break
+            return _back(start, before)
         if abs(shift) < AGAIN * longest:
             break
     return result
@@ -191,8 +187,7 @@ def late_beside(result: FitResult) -> bool:
     changed = now.lag > 0.0 or now.late > before.late + longest or now.rate != before.rate
     problem.aligned = changed and _ratio(found, error) ** 2 < 1 - DELAYED
     if not problem.aligned:
-        problem.align_effort(before)
-        renew(result)
+        _back(before, result)
     return problem.aligned
 
 
@@ -225,8 +220,7 @@ def late_after_all(result: FitResult) -> bool:
     if less and _ratio(found, error) < 1.0:
         problem.aligned = True
         return True
-    problem.align_effort(before)
-    renew(result)
+    _back(before, result)
     return False
 
 
@@ -234,7 +228,7 @@ def _taken_earlier(
     problem: Problem, model: RobotModel, result: FitResult, scale: FloatArray | None
 ) -> FitResult:
     """The fit with late efforts taken earlier; as it was where no shift up to `LATEST` is best."""
-    start = problem.shift, result
+    start, first = problem.alignment, result
     for _ in range(TURNS):
         late = recorded_late(result)
         if not late:
@@ -243,10 +237,7 @@ def _taken_earlier(
             break
         problem.shift_effort(late)
         result = fit(problem, model, scale=scale)
-    if problem.shift == start[0]:
-        return start[1]
-    problem.shift_effort(start[0] - problem.shift)
-    return fit(problem, model, scale=scale)
+    return first if problem.alignment == start else _back(start, first)
 
 
 def _filter_undone(
@@ -275,9 +266,7 @@ def _filter_undone(
         step = 0.25 / 2**k
         poles, share = best([(poles, share - step), (poles, share + step)])
     if tried[poles, share] ** 2 > 1 - LESS:
-        problem.align_effort(start)
-        renew(result)
-        return result
+        return _back(start, result)
     return _to_the_end(problem, model, _in_time(problem, model, fitted(poles, share), scale), scale)
 
 
@@ -296,9 +285,15 @@ def _to_the_end(
         problem.align_effort(replace(last, shift=0.0, lag=last.late))
         longer = _in_time(problem, model, fit(problem, model, scale=scale), scale)
         if _ratio(longer, error) > 1.0:
-            problem.align_effort(last)
-            return fit(problem, model, scale=scale)
+            return _back(last, result)
         result = longer
+    return result
+
+
+def _back(alignment: Alignment, result: FitResult) -> FitResult:
+    """The fit of before, whose problem is as it was then; another fit would say the same again."""
+    result.problem.align_effort(alignment)
+    renew(result)
     return result
 
 
