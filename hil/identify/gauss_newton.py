@@ -205,9 +205,15 @@ def derivative(
 
 
 def around(problem: Problem, term: Term) -> tuple[float, float]:
-    """Neighbours of the first shape value on its grid."""
-    values = line(problem, term)
-    below, above = values[values < term.shape[0]], values[values > term.shape[0]]
+    """Neighbours of the first shape value on its grid; beyond an end of it, the last two there.
+
+    A grid that refers to a surface ends elsewhere once the surface is found elsewhere.
+    """
+    values, value = line(problem, term), term.shape[0]
+    if value < values[0] or value > values[-1]:
+        low, high = values[:2] if value < values[0] else values[-2:]
+        return float(low), float(high)
+    below, above = values[values < value], values[values > value]
     return float(below.max(initial=values[0])), float(above.min(initial=values[-1]))
 
 

@@ -38,6 +38,13 @@ def penetration(motion: Motion, j: int) -> tuple[FloatArray, float]:
     return np.maximum(0.0, side * (motion.q[:, j] - q0)), float(side)
 
 
+def _deepest(motion: Motion, j: int) -> float:
+    """Deepest penetration of the known surface over all runs."""
+    q0, side = motion.contact[j]
+    low, high = motion.span[j]
+    return max(float(side * ((high if side > 0 else low) - q0)), 1e-12)
+
+
 def _contact_law_lacks(motion: Motion, j: int) -> str:
     """Needs a surface."""
     known = np.isfinite(motion.contact[j]).all()
@@ -151,9 +158,7 @@ class ContactHardening(_ContactLaw):
     def columns(self, motion: Motion, j: int, shape: Sequence[float]) -> FloatArray:
         """-side (d / d_max)^n."""
         depth, side = penetration(motion, j)
-        low, high = motion.span[j]
-        deepest = max(side * ((high if side > 0 else low) - motion.contact[j, 0]), 1e-12)
-        force: FloatArray = -side * (depth / deepest) ** shape[0]
+        force: FloatArray = -side * (depth / _deepest(motion, j)) ** shape[0]
         return force[:, None]
 
 
@@ -167,9 +172,13 @@ def _slip_state(x: FloatArray, width: float) -> FloatArray:
 
 
 def _contact_hysteresis_grid(motion: Motion, j: int) -> Shapes:
-    """1 to 60 % of the span."""
-    span = float(np.ptp(motion.span[j])) or 1.0
-    return log_grid(0.01 * span, 0.6 * span, 10)
+    """1 to 45 % of the deepest penetration.
+
+    An element that slips in one direction needs twice its play to slip in the other.  One that
+    never does is a spring whose rest is where a run began, and foretells no other run.
+    """
+    deepest = _deepest(motion, j)
+    return log_grid(0.01 * deepest, 0.45 * deepest, 10)
 
 
 class ContactHysteresis(_ContactLaw):

@@ -6,7 +6,7 @@ import numpy as np
 import plants
 import pytest
 
-from hil.identify import shape_search
+from hil.identify import gauss_newton, shape_search
 from hil.identify.design import Term, bind, stack
 from hil.identify.fit import fit
 from hil.identify.problem import Problem, of_model
@@ -210,3 +210,12 @@ def test_the_number_of_another_joint_stays_a_whole_one() -> None:
     model = base_model(run.robot) + Use("coupled-load-friction", (run.joints[1],))
     found = fit(Problem([replace(run, tau=rubbed)], run.robot), model)
     assert found.values["j2.coupled-load-friction.joint"].value in (1.0, 3.0)
+
+
+def test_beyond_the_end_of_its_grid_a_shape_has_the_last_two_values_for_neighbours(setting):
+    """A grid that refers to a surface ended elsewhere then, and the derivative was 0 / 0."""
+    problem, terms, _ = setting
+    term = next(t for t in terms if gauss_newton.searched(problem, t))
+    values, rest = gauss_newton.line(problem, term), term.shape[1:]
+    for beyond, ends in ((values[-1] * 2, values[-2:]), (values[0] / 2, values[:2])):
+        assert gauss_newton.around(problem, term.reshaped((float(beyond), *rest))) == tuple(ends)
