@@ -204,7 +204,7 @@ FORMULAS: dict[str, tuple[tuple[float, ...], Row]] = {
 
 
 def test_a_hysteresis_of_a_surface_slips_both_ways_in_every_press() -> None:
-    """One that never slipped was a spring counted from where each run began: 18.5 % for 7.3."""
+    """One that never slipped was a spring counted from where each run began."""
     motion = motion_of(IndependentAxes(("a", "b")), n=81)
     press = np.interp(np.arange(81), [0, 40, 80], [-3.0, 1.0, -3.0])
     q = np.stack([press, press], axis=1)
