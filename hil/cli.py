@@ -102,6 +102,8 @@ def refuse_rest(parser: Parser, extra: Sequence[str]) -> None:
         where = f"the command takes {alone} and options" if alone else where
         if "--holdout" in parser.options():
             where += ", and --holdout before each held-out session"
+        if _number(extra[0]):
+            where = "write several values of an option with commas, e.g. 1.5,2,0.3"
         parser.error(f"unexpected {extra[0]!r}; {where}")
 
 

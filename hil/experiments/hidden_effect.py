@@ -260,7 +260,7 @@ def study(
     seed : int
         The first.
     quick : bool
-        Two effects, two seeds.
+        One effect, and none, with two seeds.
     workers : int
         Processes.
     report : callable

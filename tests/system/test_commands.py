@@ -186,6 +186,7 @@ def test_bad_input_is_one_sentence_and_exit_2(session, capsys, words, says):
         ("diagnose", "required: S.mcap"),
         ("diagnose a.mcap --model m.toml b.mcap", "unexpected 'b.mcap'"),
         ("diagnose a.mcap --holdout b.mcap c.mcap", "--holdout before each held-out session"),
+        ("import a.csv --torque-constant 10 9", "write several values of an option with commas"),
         ("info --frobnicate", "unknown option --frobnicate."),
         ("-x", "unknown option -x"),
         ("bench emsp", "argument NAME: unknown value 'emsp'. Did you mean 'emps'?"),
