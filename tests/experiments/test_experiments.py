@@ -63,6 +63,7 @@ def test_motor_constants_come_out_of_a_session_of_the_simulated_rig(short):
     assert all(-100.0 < x["log_det"] < 0.0 for r in found for x in r.richness.values())
 
 
+@pytest.mark.slow
 def test_the_hand_that_swings_furthest_keeps_the_arms_in_their_range(tmp_path):
     # with 6 cm along x the follower's joint 3 left its range after 19 s
     q, *_ = manual_excitation._by_hand(tmp_path / "s.mcap", [], 6, 21.0)
